@@ -28,9 +28,9 @@ constexpr double kMaxRmsRatioForMode = 0.9;
 // The same for modes that change with position and for friction with free elements, which have more
 // parameters still.
 constexpr double kMaxRmsRatioForRichModel = 0.85;
-// A friction law with free elements is tried only if the residual RMS exceeds this multiple of the
-// noise floor.
-constexpr double kMinRmsOverFloorForFreeElements = 2.0;
+// A friction law with free elements, and the loop of the other order, are tried only if the
+// residual RMS exceeds this multiple of the noise floor.
+constexpr double kMinRmsOverFloorToGoOn = 2.0;
 // A loop in which zeros in the right half plane account for more than this share of the lag
 // imitates a delay.
 constexpr double kMaxLagShareOfUnstableZeros = 0.5;
@@ -128,6 +128,19 @@ std::vector<Structure> structures(const IdentifyOptions& options) {
     }
   }
   return out;
+}
+
+/// The trial to take, of these orders: a richer one only if it is clearly better. Null if none is
+/// valid.
+const Trial* best_of(const std::vector<Trial>& trials, const std::vector<int>& orders) {
+  const Trial* best = nullptr;
+  for (const Trial& trial : trials) {
+    if (std::find(orders.begin(), orders.end(), trial.structure.order) != orders.end() &&
+        trial.ruled_out.empty() && std::isfinite(trial.validation) &&
+        (best == nullptr || trial.validation < kMaxRmsRatioToAccept * best->validation))
+      best = &trial;
+  }
+  return best;
 }
 
 std::vector<Signals> signals_of(const std::vector<Segment>& segments) {
@@ -246,12 +259,7 @@ class StructureChoice {
       }
       trials.push_back(trial);
     }
-    const Trial* chosen = nullptr;
-    for (const Trial& trial : trials) {
-      if (trial.ruled_out.empty() && std::isfinite(trial.validation) &&
-          (chosen == nullptr || trial.validation < kMaxRmsRatioToAccept * chosen->validation))
-        chosen = &trial;
-    }
+    const Trial* chosen = best_of(trials, {2, 3});
     if (chosen == nullptr) {
       // If no structure passes, the best of the ruled-out ones is still a model.
       for (const Trial& trial : trials) {
@@ -268,11 +276,11 @@ class StructureChoice {
       tried_.push_back({trial.structure.order, trial.structure.effects,
                         trial.validation < kNotFitted ? trial.validation : kAbsent,
                         &trial == chosen, 0, trial.ruled_out});
-    simple_ = out_.structure = chosen->structure;
+    begin_with(chosen->structure);
+    out_.structure = simple_;
     least_ = chosen->validation;
-    const auto& effects = simple_.effects;
-    place_ = static_cast<std::size_t>(
-        std::find(effects.begin(), effects.end(), kind_of<CoulombFriction>()) - effects.begin());
+    if (const Trial* other = best_of(trials, {simple_.order == 2 ? 3 : 2}))
+      other_ = other->structure;
   }
 
   /// Friction, from the simplest model to the richest, and modes of vibration as long as one more
@@ -298,6 +306,7 @@ class StructureChoice {
           if (!begun) break;
           for (const std::size_t kind : compared) try_standing(kind, modes, coupled, *begun, stood);
         }
+        if (modes == 0 && joint()) try_other_order(compared, first);
         if (joint() && modes > 0 && !stood.empty()) ask_whether_they_move(modes, std::move(stood));
       }
     }
@@ -315,6 +324,32 @@ class StructureChoice {
 
  private:
   [[nodiscard]] bool joint() const { return options_.method == Method::kJoint; }
+
+  void begin_with(const Structure& loop) {
+    simple_ = loop;
+    const auto& effects = simple_.effects;
+    place_ = static_cast<std::size_t>(
+        std::find(effects.begin(), effects.end(), kind_of<CoulombFriction>()) - effects.begin());
+  }
+
+  /// If a large residual remains, Coulomb friction may have chosen the wrong order: an axis that
+  /// its friction lets give way looks like one with an integrator. Tries the other order with the
+  /// same laws, and goes on with it if one of them is clearly better.
+  void try_other_order(const std::vector<std::size_t>& laws, FirstStep& first) {
+    if (!other_ || !(least_ > kMinRmsOverFloorToGoOn * noise_)) return;
+    const Structure before = simple_;
+    begin_with(*other_);
+    FirstStep of_other(signals_of(fitted_), simple_, search_);
+    std::vector<Stood> stood;
+    if (const std::optional<Point> begun = of_other.start(false)) {
+      for (const std::size_t kind : laws) try_standing(kind, 0, false, *begun, stood);
+    }
+    if (out_.structure.order == simple_.order) {
+      first = std::move(of_other);
+    } else {
+      begin_with(before);
+    }
+  }
 
   /// Records the trial that is appended next as the best so far.
   void take(double validation, const Structure& structure) {
@@ -404,8 +439,7 @@ class StructureChoice {
   /// law with a free virgin curve, from the result of the chosen one.
   void try_free_elements() {
     const Structure& structure = out_.structure;
-    if (out_.from.empty() || structure.moving ||
-        !(least_ > kMinRmsOverFloorForFreeElements * noise_))
+    if (out_.from.empty() || structure.moving || !(least_ > kMinRmsOverFloorToGoOn * noise_))
       return;
     // A law with a level per direction contains the constant force, so it is added again here.
     Structure free = simple_;
@@ -431,8 +465,9 @@ class StructureChoice {
   std::vector<StructureTrial>& tried_;
   std::vector<Segment> fitted_, validated_;
   PoleSearchOptions search_;
-  Structure simple_;       // of the loop, with Coulomb friction
-  std::size_t place_ = 0;  // of the friction in it
+  Structure simple_;                // of the loop, with Coulomb friction
+  std::optional<Structure> other_;  // the best of the other order, likewise
+  std::size_t place_ = 0;           // of the friction in it
   ChosenStructure out_;
   double least_ = kNotFitted;        // validation RMS of the chosen structure
   std::optional<std::size_t> best_;  // index in tried_; none: the loop as chosen first
