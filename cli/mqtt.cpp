@@ -1,5 +1,4 @@
 // servotwin mqtt: passes what the daemon publishes over DDS on to an MQTT broker.
-#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <fstream>
@@ -8,12 +7,11 @@
 #include <string>
 
 #include "cli/command.h"
-#include "cli/interrupt.h"
 #include "cli/mqtt_client.h"
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
-#include "cli/subscriber.h"
+#include "cli/relay.h"
 #include "daemon/web/live_json.h"
 
 namespace servotwin::cli {
@@ -21,7 +19,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kPeriod_s = 1.0;  // of the status
 // The state is repeated: the will of an earlier connection, or the end of another bridge of this
 // machine, would stay otherwise.
 constexpr double kRepeat_s = 10.0;
@@ -136,33 +133,23 @@ class Bridge {
         root_(arguments.prefix + "/" + machine_),
         where_(arguments.broker),
         client_(broker_of(arguments), root_ + "/state", "offline"),
-        subscriber_(arguments.bus.place) {
-    subscriber_.on_model = [this](const ModelAnnouncement& model) {
+        relay_(arguments.bus.place) {
+    relay_.subscriber().on_model = [this](const ModelAnnouncement& model) {
       client_.publish(topic_of(model.axis, "model"), promotion_of(model, machine_));
     };
-    subscriber_.on_diagnosis = [this](const DiagnosisAnnouncement& diagnosis) {
+    relay_.subscriber().on_diagnosis = [this](const DiagnosisAnnouncement& diagnosis) {
       client_.publish(topic_of(diagnosis.axis, "diagnosis"), diagnosis.diagnosis_json);
     };
   }
 
   void run(double seconds) {
-    const Interrupt interrupt;
-    while (!interrupt.came() && (seconds <= 0.0 || now_s() < seconds)) {
-      subscriber_.receive(record_);
-      if (const std::string refusal = client_.refusal(); !refusal.empty())
-        throw std::runtime_error(where_ + " refuses the connection: " + refusal +
-                                 "; see --user and --password-file");
-      look_at_connection();
-      if (now_s() - sent_s_ >= kPeriod_s) pass_on();
-    }
-    if (!was_connected_ && !interrupt.came())
+    const bool interrupted = relay_.run(
+        seconds, [this] { look_at_connection(); }, [this](bool there) { pass_on(there); });
+    if (!was_connected_ && !interrupted)
       throw std::runtime_error(where_ + " was not reached: " + problem());
   }
 
  private:
-  [[nodiscard]] double now_s() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
   [[nodiscard]] std::string topic_of(const std::string& axis, const char* what) const {
     return root_ + "/axis/" + level_of(axis) + "/" + what;
   }
@@ -171,41 +158,40 @@ class Bridge {
     return known.empty() ? "it does not answer" : known;
   }
 
-  void pass_on() {
-    sent_s_ = now_s();
-    const bool there = subscriber_.daemon_there();
+  void pass_on(bool there) {
     client_.publish(root_ + "/state", there ? "online" : "no daemon");
-    if (sent_s_ - repeated_s_ >= kRepeat_s) {
+    if (relay_.now_s() - repeated_s_ >= kRepeat_s) {
       client_.repeat(root_ + "/state");
-      repeated_s_ = sent_s_;
+      repeated_s_ = relay_.now_s();
     }
-    if (!there || !record_.status()) return;
-    client_.publish(root_ + "/status", status_of(record_, machine_));
-    for (const AxisStatus& axis : record_.status()->axes)
+    const LiveRecord& record = relay_.record();
+    if (!there || !record.status()) return;
+    client_.publish(root_ + "/status", status_of(record, machine_));
+    for (const AxisStatus& axis : record.status()->axes)
       client_.publish(topic_of(axis.name, "alarm"), daemon::name_of(axis.alarm));
-    record_.clear_lately();
   }
 
   void look_at_connection() {
+    if (const std::string refusal = client_.refusal(); !refusal.empty())
+      throw std::runtime_error(where_ + " refuses the connection: " + refusal +
+                               "; see --user and --password-file");
     const bool connected = client_.connected();
     if (connected) {
       if (!was_connected_ || said_)
         say(stderr, "connected to " + where_ + ", topics " + root_ + "/#");
       was_connected_ = true;
       said_ = false;
-      apart_s_ = now_s();
-    } else if (!said_ && now_s() - apart_s_ > kPatience_s) {
+      apart_s_ = relay_.now_s();
+    } else if (!said_ && relay_.now_s() - apart_s_ > kPatience_s) {
       say(stderr, "no connection to " + where_ + ": " + problem() + "; trying again");
       said_ = true;
     }
   }
 
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::string machine_, root_, where_;
   MqttClient client_;
-  Subscriber subscriber_;
-  LiveRecord record_;
-  double sent_s_ = 0.0, repeated_s_ = 0.0, apart_s_ = 0.0;
+  Relay relay_;
+  double repeated_s_ = 0.0, apart_s_ = 0.0;
   bool was_connected_ = false, said_ = false;
 };
 

@@ -9,6 +9,10 @@
 
 namespace servotwin::cli {
 
+/// A daemon that was waiting publishes through another writer once its machine is there: only one
+/// that is away for this long [s] has stopped.
+inline constexpr double kGone_s = 2.0;
+
 class Subscriber {
  public:
   explicit Subscriber(const DdsPlace& place)

@@ -20,9 +20,6 @@ namespace servotwin::cli {
 namespace {
 
 constexpr double kRefresh_s = 1.0;
-// A daemon that was waiting publishes through another writer once its machine is there: only one
-// that is away for this long has stopped.
-constexpr double kGone_s = 2.0;
 
 struct WatchArguments {
   BusOptions bus;

@@ -1,9 +1,7 @@
 #include "daemon/web/http_server.h"
 
-#include <arpa/inet.h>
 #include <gnutls/abstract.h>
 #include <microhttpd.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -18,6 +16,7 @@
 #include <utility>
 
 #include "daemon/between/clock.h"
+#include "daemon/web/listening_socket.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -88,57 +87,22 @@ HttpRequest request_of(MHD_Connection* connection, const char* method, const cha
   return request;
 }
 
-const char* what_to_do(int error) {
-  switch (error) {
-    case EADDRINUSE:
-      return "; give another address with --http";
-    case EADDRNOTAVAIL:
-      return "; this host has no such address: give one of its own, 0.0.0.0 for all of them or "
-             "127.0.0.1 for this host alone";
-    case EACCES:
-      return "; ports below 1024 need CAP_NET_BIND_SERVICE";
-    default:
-      return "";
-  }
-}
-
-int listening_socket(const ListenAddress& address, std::uint16_t& port) {
-  const auto fail = [&](int socket) {
-    const int error = errno;
-    if (socket >= 0) close(socket);
-    throw CannotListen(address, error);
-  };
-  sockaddr_in6 six{};
-  sockaddr_in four{};
-  six.sin6_family = AF_INET6;
-  four.sin_family = AF_INET;
-  six.sin6_port = four.sin_port = htons(address.port);
-  inet_pton(address.ipv6 ? AF_INET6 : AF_INET, address.host.c_str(),
-            address.ipv6 ? static_cast<void*>(&six.sin6_addr) : &four.sin_addr);
-  auto* place =
-      address.ipv6 ? reinterpret_cast<sockaddr*>(&six) : reinterpret_cast<sockaddr*>(&four);
-  socklen_t length = address.ipv6 ? sizeof six : sizeof four;
-  const int socket =
-      ::socket(address.ipv6 ? AF_INET6 : AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (socket < 0) fail(socket);
-  const int yes = 1;  // after a restart the old connections still linger
-  setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-  if (bind(socket, place, length) != 0 || listen(socket, SOMAXCONN) != 0) fail(socket);
-  if (getsockname(socket, place, &length) != 0) fail(socket);
-  port = ntohs(address.ipv6 ? six.sin6_port : four.sin_port);
+int require_socket(const ListenAddress& address, std::uint16_t& port) {
+  const int socket = listening_socket(address, port);
+  if (socket < 0) throw CannotListen(address, errno);
   return socket;
 }
 
 }  // namespace
 
 CannotListen::CannotListen(const ListenAddress& address, int the_error)
-    : std::runtime_error("http.listen = '" + address.text() + "': " + std::strerror(the_error) +
-                         what_to_do(the_error)),
+    : std::runtime_error("http.listen = '" + address.text() +
+                         "': " + listening_problem(the_error, "--http")),
       error(the_error) {}
 
 void HttpServer::try_listening(const ListenAddress& address) {
   std::uint16_t port = 0;
-  close(listening_socket(address, port));
+  close(require_socket(address, port));
 }
 
 struct HttpServer::Callbacks {
@@ -236,7 +200,7 @@ bool HttpServer::use_tls(const TlsPair& tls) {
 }
 
 void HttpServer::listen_on(const ListenAddress& address) {
-  const int socket = listening_socket(address, address_.port);
+  const int socket = require_socket(address, address_.port);
   std::vector<MHD_OptionItem> secure;
   if (tls_.given()) {
     secure = {

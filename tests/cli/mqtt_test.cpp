@@ -5,7 +5,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <atomic>
 #include <chrono>
 #include <map>
 #include <memory>
@@ -14,7 +13,7 @@
 #include <set>
 #include <thread>
 
-#include "drivers/dds.h"
+#include "fake_daemon.h"
 #include "program.h"
 #include "tests/support/certificate.h"
 #include "tests/support/process.h"
@@ -26,10 +25,7 @@ using nlohmann::json;
 using test::Process;
 using testing::HasSubstr;
 
-DdsPlace place() {
-  const auto id = static_cast<std::uint32_t>(::getpid());
-  return {"mqtt-test-" + std::to_string(id), 1 + id % 200, ""};
-}
+DdsPlace place() { return test::place_of_test("mqtt-test"); }
 
 int free_port() {
   const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
@@ -131,41 +127,9 @@ class Mqtt : public testing::Test {
   int port_ = free_port();
 };
 
-/// A daemon with two axes: one with a model, an alarm and a diagnosis. Its status comes ten times a
-/// second, so that a test does not wait.
-class Daemon {
- public:
-  Daemon() : node_(place()), statuses_(node_), models_(node_), diagnoses_(node_) {
-    models_.write(
-        {"X", 3, 2, "2026-11-27T08:00:00Z", "better", R"({"schema":"servotwin.model/1"})"});
-    diagnoses_.write({"X", R"({"schema":"servotwin.diagnosis/1","verdict":"explained"})"});
-    sending_ = std::jthread([this](const std::stop_token& stop) {
-      MachineStatus status;
-      status.state = DaemonState::kRunning;
-      status.axes = {{"X", 3, 1.5e-6, "collecting"}, {"B/1", 0, kAbsent, ""}};
-      status.axes[1].rotary = true;
-      while (!stop.stop_requested()) {
-        ++status.frames;
-        status.axes[0].alarm = alarm;
-        statuses_.write(status);
-        std::this_thread::sleep_for(std::chrono::milliseconds(100));
-      }
-    });
-  }
-
-  std::atomic<AlarmState> alarm = AlarmState::kRaised;  ///< of the first axis
-
- private:
-  DdsNode node_;
-  DdsWriter<MachineStatus> statuses_;
-  DdsWriter<ModelAnnouncement> models_;
-  DdsWriter<DiagnosisAnnouncement> diagnoses_;
-  std::jthread sending_;
-};
-
 TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
   const auto mosquitto = broker("allow_anonymous true\n");
-  const Daemon daemon;
+  const test::FakeDaemon daemon(place());
   const auto program = bridge();
   ASSERT_TRUE(program->says("connected to 127.0.0.1:")) << program->said();
   {
@@ -196,7 +160,7 @@ TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
 
 TEST_F(Mqtt, ItsEndIsSaidByTheBrokerWhereItCannot) {
   const auto mosquitto = broker("allow_anonymous true\n");
-  const Daemon daemon;
+  const test::FakeDaemon daemon(place());
   Listener listener(port_);
   {
     const auto program = bridge();
@@ -210,14 +174,14 @@ TEST_F(Mqtt, ADaemonThatIsGoneIsSaid) {
   Listener listener(port_);
   const auto program = bridge();
   {
-    const Daemon daemon;
+    const test::FakeDaemon daemon(place());
     ASSERT_TRUE(listener.hears(topic("state"), "online"));
   }
   EXPECT_TRUE(listener.hears(topic("state"), "no daemon"));
 }
 
 TEST_F(Mqtt, ABrokerThatComesLaterOrAgainGetsEverything) {
-  const Daemon daemon;
+  const test::FakeDaemon daemon(place());
   const auto program = bridge();
   ASSERT_TRUE(program->says("no connection to 127.0.0.1:")) << program->said();
   for (int i = 0; i < 2; ++i) {
@@ -231,7 +195,7 @@ TEST_F(Mqtt, ABrokerThatComesLaterOrAgainGetsEverything) {
 // What a dead connection had not delivered came after what was newer, and stayed.
 TEST_F(Mqtt, NothingOldComesAfterAReconnection) {
   auto mosquitto = broker("allow_anonymous true\n");
-  Daemon daemon;
+  test::FakeDaemon daemon(place());
   const auto program = bridge();
   {
     Listener listener(port_);
@@ -252,7 +216,7 @@ TEST_F(Mqtt, NothingOldComesAfterAReconnection) {
 
 TEST_F(Mqtt, TheEndOfAnotherBridgeDoesNotStay) {
   const auto mosquitto = broker("allow_anonymous true\n");
-  const Daemon daemon;
+  const test::FakeDaemon daemon(place());
   const auto program = bridge();
   Listener listener(port_);
   ASSERT_TRUE(listener.hears(topic("state"), "online"));
@@ -279,7 +243,7 @@ TEST_F(Mqtt, WithPasswordAndCertificate) {
   const auto mosquitto =
       broker("allow_anonymous false\npassword_file " + (folder_ / "passwords") + "\ncertfile " +
              (folder_ / "certificate.pem") + "\nkeyfile " + (folder_ / "key.pem") + "\n");
-  const Daemon daemon;
+  const test::FakeDaemon daemon(place());
   const std::string right = folder_.write("right", "secret\n"),
                     wrong = folder_.write("wrong", "guess\n");
   const auto with = [&](const std::string& host, const std::string& ca,

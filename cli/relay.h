@@ -1,0 +1,36 @@
+// Listens to a daemon for the programs that pass on what it publishes: to MQTT, to MTConnect. One
+// thread; errors: std::runtime_error (drivers/dds.h).
+#pragma once
+
+#include <chrono>
+#include <functional>
+
+#include "cli/live_record.h"
+#include "cli/subscriber.h"
+
+namespace servotwin::cli {
+
+class Relay {
+ public:
+  explicit Relay(const DdsPlace& place) : subscriber_(place) {}
+
+  /// Until SIGINT or SIGTERM, then true, or for `seconds`, then false; 0: without end. `turn` is
+  /// called at least 50 times a second, `pass_on` once a second, with whether the daemon is there;
+  /// after it, the figures of the record begin anew.
+  bool run(double seconds, const std::function<void()>& turn,
+           const std::function<void(bool)>& pass_on);
+
+  /// Since construction.
+  [[nodiscard]] double now_s() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
+  [[nodiscard]] const LiveRecord& record() const { return record_; }
+  [[nodiscard]] Subscriber& subscriber() { return subscriber_; }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  Subscriber subscriber_;
+  LiveRecord record_;
+};
+
+}  // namespace servotwin::cli
