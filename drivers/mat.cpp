@@ -32,7 +32,8 @@ thread_local std::string complaint;
 
 void listen_to_library() {
   complaint.clear();
-  Mat_LogInitFunc("servotwin", [](int, char* message) {
+  // char* in matio 1.5.23, const char* in 1.5.28.
+  Mat_LogInitFunc("servotwin", [](int, auto* message) {
     if (complaint.empty()) complaint = message;
   });
   H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // HDF5 would print its own messages
