@@ -19,8 +19,10 @@ constexpr std::array kForeign{
     ForeignFormat{"SQLite format 3\0"sv, "SQLite database, as old bags of ROS 2 are",
                   "ros2 bag convert makes an MCAP file of a bag, which is read"},
     ForeignFormat{"#ROSBAG"sv, "ROS 1 bag", kTopics},
-    ForeignFormat{"MDF     "sv, "measurement file of ASAM (MDF)",
-                  "in Python, asammdf.MDF('FILE').export('csv') makes a CSV file of it"},
+    ForeignFormat{
+        "MDF     "sv, "measurement file of ASAM (MDF)",
+        "in Python, asammdf.MDF('FILE').export('csv', single_time_base=True, add_units=True) "
+        "makes a CSV file of it"},
     ForeignFormat{
         "LOGG"sv, "CAN log of Vector (BLF)",
         "python3 -m can.logconvert FILE.blf FILE.asc (python3-can) makes one that is read"},
