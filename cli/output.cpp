@@ -41,6 +41,7 @@ std::FILE* people_beside(std::initializer_list<std::filesystem::path> results) {
 void say(std::FILE* people, std::string_view line) {
   std::fwrite(line.data(), 1, line.size(), people);
   std::fputc('\n', people);
+  std::fflush(people);  // in a pipe as well, people see it when it is said
 }
 
 void write_result(const std::filesystem::path& file, std::string_view content) {

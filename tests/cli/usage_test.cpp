@@ -1,7 +1,11 @@
 // A wrong command line gives exit status 2 and one line on standard error, before any work.
 #include <gmock/gmock.h>
 
+#include <unistd.h>
+
+#include <chrono>
 #include <sstream>
+#include <thread>
 
 #include "program.h"
 #include "recordings.h"
@@ -198,6 +202,17 @@ TEST(Usage, VersionIsTheSameEverywhere) {
   EXPECT_EQ(first_after("CMakeLists.txt", "project(servotwin VERSION ", ' '), version);
   EXPECT_EQ(first_after("CHANGELOG.md", "## [", ']'), version);
   EXPECT_EQ(first_after("systemd/package/debian/changelog", "servotwin (", ')'), version);
+}
+
+// In a pipe the library keeps what is printed until there are kilobytes of it.
+TEST(Usage, WhatIsSaidIsThereBeforeTheWorkIsDone) {
+  const Program program({"replay", SERVOTWIN_SOURCE_DIR "/examples/axis_production.csv", "--dds",
+                         "--machine", "nobody-" + std::to_string(::getpid()), "--wait", "60"});
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(40);
+  while (program.so_far().find("24517 rows") == std::string::npos) {
+    ASSERT_LT(std::chrono::steady_clock::now(), until) << program.so_far();
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
 }
 
 }  // namespace
