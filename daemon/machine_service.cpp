@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <thread>
 #include <utility>
 
@@ -158,6 +159,11 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
   learner_.show_in(inbox_->list());
+  learner_.hear_with(
+      [this](double after_s) {
+        return memory_.copy(after_s, std::numeric_limits<double>::infinity(), "the machine");
+      },
+      [this](const std::string& program) { return inbox_->accept(program); });
   for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);
   if (const std::string why = contract_.refusal(); !why.empty() && arming_.live()) {
     arming_.forbid(why);

@@ -282,6 +282,14 @@ void read_ilc(Section section, const std::vector<AxisConfig>& axes,
   section.one_of("aim", {"tracking", "contour"}, aim);
   ilc.contour = aim == "contour";
   read_map(section, "programs", folder, ilc.programs);
+  std::string recognise = "offer";
+  section.one_of("recognise", {"off", "offer", "learn"}, recognise);
+  ilc.recognise = recognise == "off"     ? IlcConfig::Recognise::kOff
+                  : recognise == "learn" ? IlcConfig::Recognise::kLearn
+                                         : IlcConfig::Recognise::kOffer;
+  if (recognise == "learn" && ilc.programs.empty())
+    section.report("recognise",
+                   "= \"learn\" puts programs into a folder: give ilc.programs as well");
   section.integer("trials", 1, 100, ilc.trials);
   section.flag("live", ilc.live);
   section.number("ramp_s", 1e-3, 10.0, "s", ilc.ramp_s);

@@ -85,13 +85,16 @@ struct DiagnoseConfig {
 struct IlcConfig {
   bool contour = false;  ///< aim = "contour": reduces the path error; else that of every axis
   std::filesystem::path programs;  ///< folder of commanded paths to learn; empty: none
-  int trials = 10;                 ///< maximum number of virtual trials
-  bool live = false;               ///< false: dry run, even when armed
-  double ramp_s = 0.1;             ///< fade-in time from 0 to the full offset, and fade-out time
-  double validity_s = 0.02;        ///< time for which a drive holds an offset that is not renewed
-  double drive_ramp_s = 0.1;       ///< time within which the drive then brings the offset to 0
-  double model_age_s = 604800.0;   ///< maximum time since the validation of the models
-  double match_tolerance = 2e-6;   ///< deviation of a command from its program row [m | rad]
+  /// What becomes of motion that repeats: nothing, offered as a program, or put into the folder.
+  enum class Recognise : std::uint8_t { kOff, kOffer, kLearn };
+  Recognise recognise = Recognise::kOffer;
+  int trials = 10;                ///< maximum number of virtual trials
+  bool live = false;              ///< false: dry run, even when armed
+  double ramp_s = 0.1;            ///< fade-in time from 0 to the full offset, and fade-out time
+  double validity_s = 0.02;       ///< time for which a drive holds an offset that is not renewed
+  double drive_ramp_s = 0.1;      ///< time within which the drive then brings the offset to 0
+  double model_age_s = 604800.0;  ///< maximum time since the validation of the models
+  double match_tolerance = 2e-6;  ///< deviation of a command from its program row [m | rad]
   double residual_band = 8.0;  ///< in standard deviations of the model; beyond it offsets fade out
   int delay_cycles = 1;        ///< cycles from a frame to the cycle that applies its offset
   /// Axes whose offsets may be armed although their drives keep the last one for ever.

@@ -1,6 +1,9 @@
 #include "daemon/correct/learning_worker.h"
 
 #include <algorithm>
+#include <array>
+#include <cstdio>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "daemon/between/clock.h"
@@ -15,6 +18,12 @@ std::map<std::string, int> versions_of(const std::vector<StoredModel>& in_force)
   for (const StoredModel& model : in_force) out[model.record.axis] = model.record.version;
   return out;
 }
+std::string rounded(double seconds) {
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), "%.2f", seconds);
+  return text.data();
+}
+
 }  // namespace
 
 LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& events,
@@ -24,7 +33,8 @@ LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& even
       events_(events),
       hand_over_(hand_over),
       announce_(std::move(announce)),
-      assembly_(rules_.machine) {
+      assembly_(rules_.machine),
+      motion_(rules_.machine, rules_.ilc.match_tolerance) {
   if (!rules_.ilc.programs.empty()) folder_.emplace(rules_.ilc.programs, rules_.machine);
 }
 
@@ -36,6 +46,7 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
     look_into_folder(steady_ns());
     refuse_overdue(steady_ns());
     judge_runs();
+    look_for_repetition(steady_ns());
     report_stale();
     renew(steady_ns());
     show();
@@ -71,6 +82,80 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
     for (const ProgramChunk& chunk : found.chunks) take(chunk, now_ns);
   }
   if (!news.found.empty()) tried_with_ = versions_of(store_.in_force());
+}
+
+void LearningWorker::look_for_repetition(std::int64_t now_ns) {
+  if (!hear_ || rules_.ilc.recognise == IlcConfig::Recognise::kOff ||
+      between_ns(heard_ns_, now_ns) < kLookEvery_ns)
+    return;
+  heard_ns_ = now_ns;
+  const Recording news = hear_(heard_s_);
+  if (news.time.empty()) return;
+  heard_s_ = news.time.back();
+  if (!motion_.take(news)) return;
+  repeats_.reset();
+  std::optional<RepeatingMotion> found = motion_.repetition();
+  if (!found) return;
+  // The loop recognises so many programs; the longest are worth most.
+  std::stable_sort(found->parts.begin(), found->parts.end(),
+                   [](const auto& a, const auto& b) { return a.rows > b.rows; });
+  if (found->parts.size() > kMaxKept) found->parts.resize(kMaxKept);
+  const auto [shortest_s, longest_s] = motion_.periods_s(*found);
+  MotionRepeats repeats{{}, found->begins.size(), shortest_s, longest_s};
+  for (const RepeatedPart& part : found->parts) {
+    CommandedPath path = motion_.program_of(part);
+    std::string name = known(path);
+    if (name.empty()) {
+      name = path.name;
+      recognise(std::move(path), repeats);
+    }
+    repeats.programs.push_back(name);
+  }
+  repeats_ = std::move(repeats);
+}
+
+std::string LearningWorker::known(const CommandedPath& path) const {
+  const double tolerance = rules_.ilc.match_tolerance;
+  for (const Kept& one : kept_) {
+    if (begin_alike(one->program, path, tolerance)) return one->program.name;
+  }
+  for (const Recognised& one : recognised_) {
+    if (begin_alike(*one.path, path, tolerance)) return one.path->name;
+  }
+  return {};
+}
+
+void LearningWorker::recognise(CommandedPath path, const MotionRepeats& repeats) {
+  const std::string name = path.name;
+  std::vector<std::string> axes;
+  for (const std::size_t axis : path.axes) axes.push_back(rules_.machine.axes[axis].name);
+  const double shortest_s = repeats.shortest_period_s, longest_s = repeats.longest_period_s;
+  const std::string text =
+      listed(axes) + " repeat " + std::to_string(path.rows()) + " rows of motion; " +
+      std::to_string(repeats.repetitions) + " times until now, every " + rounded(shortest_s) +
+      (rounded(longest_s) == rounded(shortest_s) ? "" : " to " + rounded(longest_s)) + " s";
+  const bool in_folder = folder_ && folder_->found().contains(name);
+  const bool learns = rules_.ilc.recognise == IlcConfig::Recognise::kLearn;
+  const std::string next =
+      in_folder ? "it is in the folder of programs"
+      : learns  ? "it is put into the folder of programs"
+      : folder_ ? "to have it learned, send PUT /api/v1/programs/" + name + " without a body"
+                : "to have it learned, configure ilc.programs";
+  events_.note("motion_repeats", "", "program '" + name + "' is recognised: " + text + "; " + next,
+               nlohmann::json{{"program", name},
+                              {"axes", axes},
+                              {"rows", path.rows()},
+                              {"repetitions", repeats.repetitions},
+                              {"shortest_period_s", shortest_s},
+                              {"longest_period_s", longest_s}}
+                   .dump());
+  if (recognised_.size() == kMaxKept) recognised_.erase(recognised_.begin());
+  recognised_.push_back({std::make_shared<const CommandedPath>(std::move(path)), text});
+  if (in_folder || !learns || !accept_) return;
+  show();  // what is accepted is taken from the list
+  if (const ProgramInbox::Outcome outcome = accept_(name);
+      outcome.what != ProgramInbox::Outcome::What::kDone)
+    events_.error("program_refused", "", "program '" + name + "': " + outcome.text);
 }
 
 void LearningWorker::gone(const std::string& program) {
@@ -170,6 +255,10 @@ void LearningWorker::renew(std::int64_t now_ns) {
 }
 
 void LearningWorker::judge(const OffsetRun& run) {
+  if (run.live && hear_) {  // what was commanded has the offset in it and is no program
+    motion_.forget();
+    if (const Recording heard = hear_(heard_s_); !heard.time.empty()) heard_s_ = heard.time.back();
+  }
   const auto found = std::find_if(kept_.begin(), kept_.end(),
                                   [&](const Kept& one) { return one->number == run.learned; });
   if (found == kept_.end()) return;  // replaced by another correction in the meantime
@@ -240,6 +329,10 @@ void LearningWorker::keep(Kept learned) {
         " newer ones are kept, and no more";
     kept_.erase(kept_.begin());
   }
+  std::erase_if(recognised_, [&](const Recognised& one) {
+    return one.path->name != name &&
+           begin_alike(*one.path, learned->program, rules_.ilc.match_tolerance);
+  });
   kept_.push_back(std::move(learned));
   hand_over_plan();
 }
@@ -261,10 +354,13 @@ void LearningWorker::show(const std::string& learning) {
   for (const auto& [program, read] : files) {
     if (!read) of[program].what = What::kWaiting;
   }
+  for (const Recognised& one : recognised_)
+    of.try_emplace(one.path->name,
+                   ProgramState{ProgramState::What::kRecognised, 0, one.text, one.path});
   if (!learning.empty()) of[learning].what = What::kLearning;
   std::erase_if(results_, [&](const auto& one) { return !of.contains(one.first); });
   for (const auto& [program, result] : results_) of[program].text = result;
-  list_->show(std::move(of), changes_seen_);
+  list_->show(std::move(of), changes_seen_, repeats_);
 }
 
 void LearningWorker::hand_over_plan(bool renewed) {

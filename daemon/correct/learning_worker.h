@@ -7,6 +7,10 @@
 //   reports every run
 //   --> kept, learned again or withdrawn (daemon/correct/correction_rule.h); the gain is an event
 //
+// It also hears the commands of the machine and recognises programs that repeat in them
+// (daemon/correct/repeating_motion.h); each is offered in the list of programs, or put into the
+// folder at once, as ilc.recognise says.
+//
 // Nothing is learned without a request; a file in the folder is one for as long as it is there, so
 // what could not be learned is tried again when other models are in force. Every result (learned,
 // previewed, refused, used, withdrawn) is an event with its reason; a refusal is also the last
@@ -28,8 +32,10 @@
 #include "daemon/between/offset_plan.h"
 #include "daemon/correct/correction_rule.h"
 #include "daemon/correct/learned_program.h"
+#include "daemon/correct/motion_watch.h"
 #include "daemon/correct/program_assembly.h"
 #include "daemon/correct/program_folder.h"
+#include "daemon/correct/program_inbox.h"
 #include "daemon/correct/program_list.h"
 #include "daemon/loop/program_matcher.h"
 #include "daemon/store/event_log.h"
@@ -44,6 +50,8 @@ class LearningWorker {
   static constexpr std::int64_t kRenewEvery_ns = 600'000'000'000;
   static constexpr std::int64_t kLookEvery_ns = 1'000'000'000;
   using Announce = std::function<void(const CorrectionChunk&)>;
+  using Hear = std::function<Recording(double after_s)>;
+  using Accept = std::function<ProgramInbox::Outcome(const std::string& program)>;
 
   /// All arguments outlive the worker.
   LearningWorker(LearningRules rules, Store& store, EventLog& events, OffsetHandOver& hand_over,
@@ -54,12 +62,20 @@ class LearningWorker {
   /// The list in which the programs of the folder and all corrections are shown. Call it before
   /// run(); the list outlives the worker.
   void show_in(ProgramList& list) { list_ = &list; }
+  /// `hear`: the rows of all axes after a time [s]. `accept`: puts a recognised program into the
+  /// folder. Call it before run().
+  void hear_with(Hear hear, Accept accept) {
+    hear_ = std::move(hear);
+    accept_ = std::move(accept);
+  }
   void run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs);
   /// Takes one chunk of a program. `now_ns`: any monotonic clock, here and below.
   void take(const ProgramChunk& chunk, std::int64_t now_ns);
   /// Takes what has changed in the folder of programs, if there is one; at most every
   /// kLookEvery_ns.
   void look_into_folder(std::int64_t now_ns);
+  /// Looks for a repetition in what was commanded since the last call; at most every kLookEvery_ns.
+  void look_for_repetition(std::int64_t now_ns);
   /// Refuses programs whose next chunk has not come in time.
   void refuse_overdue(std::int64_t now_ns);
   /// Judges the runs that the real-time loop has reported since the last call.
@@ -89,6 +105,9 @@ class LearningWorker {
   void keep(Kept learned);
   void forget(const std::string& program);
   void hand_over_plan(bool renewed = false);
+  /// The name of the kept or recognised program that is this path or begins like it; empty: none.
+  [[nodiscard]] std::string known(const CommandedPath& path) const;
+  void recognise(CommandedPath path, const MotionRepeats& repeats);
 
   LearningRules rules_;
   Store& store_;
@@ -103,6 +122,17 @@ class LearningWorker {
   std::map<std::string, std::string> results_;  // the last of each program of the list, for people
   std::map<std::string, int> tried_with_;  // version in force of each axis when it was last tried
   std::int64_t looked_ns_ = -kLookEvery_ns;
+  Hear hear_;
+  Accept accept_;
+  MotionWatch motion_;
+  double heard_s_ = 0.0;  // until this time
+  std::int64_t heard_ns_ = -kLookEvery_ns;
+  std::optional<MotionRepeats> repeats_;
+  struct Recognised {
+    std::shared_ptr<const CommandedPath> path;
+    std::string text;
+  };
+  std::vector<Recognised> recognised_;  // the newest is the last one, at most kMaxKept
   std::stop_token give_up_;
   std::uint64_t learned_ = 0, plans_made_ = 0;
   std::int64_t renewed_ns_ = 0;

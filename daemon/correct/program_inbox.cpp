@@ -9,6 +9,7 @@
 
 #include "daemon/correct/program_assembly.h"
 #include "daemon/correct/program_folder.h"
+#include "drivers/csv.h"
 #include "drivers/file_handle.h"
 #include "drivers/text.h"
 
@@ -27,6 +28,24 @@ void require_writable(const fs::path& folder) {
       folder.string() + ": cannot be written: " + std::generic_category().message(errno) +
       "; let the user of the daemon write into ilc.programs, or take a folder in its state "
       "directory");
+}
+
+/// A path as a file of the folder has it.
+Recording recording_of(const CommandedPath& path, const MachineDescription& machine) {
+  Recording out;
+  for (Eigen::Index k = 0; k < path.rows(); ++k)
+    out.time.push_back(machine.cycle_s * static_cast<double>(k));
+  for (std::size_t i = 0; i < path.axes.size(); ++i) {
+    const AxisDescription& axis = machine.axes[path.axes[i]];
+    const Eigen::ArrayXd& command = path.command[i];
+    out.axes.push_back({axis.name,
+                        axis.rotary,
+                        {command.begin(), command.end()},
+                        std::vector<double>(out.time.size(), kAbsent),
+                        {},
+                        {}});
+  }
+  return out;
 }
 
 }  // namespace
@@ -50,6 +69,7 @@ std::string ProgramInbox::problem(const fs::path& file, const std::string& progr
 }
 
 ProgramInbox::Outcome ProgramInbox::put(const std::string& program, const std::string& csv) {
+  const std::lock_guard lock(mutex_);
   try {
     require_writable(folder_);
     const fs::path file = file_of(program, folder_);
@@ -74,7 +94,32 @@ ProgramInbox::Outcome ProgramInbox::put(const std::string& program, const std::s
   }
 }
 
+ProgramInbox::Outcome ProgramInbox::accept(const std::string& program) {
+  const std::lock_guard lock(mutex_);
+  try {
+    const std::shared_ptr<const CommandedPath> path = list_.states()[program].recognised;
+    if (path == nullptr)
+      return {What::kRefused, "program " + in_quotes(program) +
+                                  ": the request has no body, and no motion has been recognised "
+                                  "under this name; send the path as CSV"};
+    require_writable(folder_);
+    const fs::path file = file_of(program, folder_);
+    if (fs::exists(file)) return {What::kDone, "it is in the folder already"};
+    write_recording_csv(file, recording_of(*path, machine_));
+    list_.changed(program);
+    events_.note_soon("program_received", "",
+                      "program " + in_quotes(program) + ": recognised motion of " +
+                          std::to_string(path->rows()) + " rows, put into the folder as " +
+                          file.filename().string());
+    return {What::kDone,
+            "it is read within two seconds, or after the program that is being learned"};
+  } catch (const std::exception& error) {
+    return {What::kFailed, error.what()};
+  }
+}
+
 ProgramInbox::Outcome ProgramInbox::remove(const std::string& program) {
+  const std::lock_guard lock(mutex_);
   try {
     const fs::path file = file_of(program, folder_);
     if (!fs::is_regular_file(file))

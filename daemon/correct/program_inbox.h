@@ -1,13 +1,14 @@
-// Programs that come over HTTP. They are files of the folder of programs like any other
-// (daemon/correct/program_folder.h), so that there is one way in, and a restart keeps them: a
-// program is written there under a temporary name, checked by what reads the folder and by what
-// assembles the chunks, and renamed. Whatever fails, the file before it stays.
+// Programs that come over HTTP, and recognised ones that are accepted. They are files of the folder
+// of programs like any other (daemon/correct/program_folder.h), so that there is one way in, and a
+// restart keeps them: a program is written there under a temporary name, checked by what reads the
+// folder and by what assembles the chunks, and renamed. Whatever fails, the file before it stays.
 //
-// Any thread, one call at a time; all of them wait for the disk. Errors: none are thrown.
+// Any thread; all calls wait for the disk, and for each other. Errors: none are thrown.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <mutex>
 #include <string>
 #include <utility>
 
@@ -39,6 +40,8 @@ class ProgramInbox {
   /// Puts a program, or a new revision of it, into the folder. `program`: usable_name. `csv`: what
   /// the file holds.
   [[nodiscard]] Outcome put(const std::string& program, const std::string& csv);
+  /// Puts a program into the folder that the daemon has recognised in the motion.
+  [[nodiscard]] Outcome accept(const std::string& program);
   /// Removes its file.
   [[nodiscard]] Outcome remove(const std::string& program);
   /// What has become of the programs.
@@ -52,6 +55,7 @@ class ProgramInbox {
   std::filesystem::path folder_;
   MachineDescription machine_;
   EventLog& events_;
+  std::mutex mutex_;  // of the folder
   ProgramList list_;
 };
 

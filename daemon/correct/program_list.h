@@ -8,8 +8,14 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/between/offset_plan.h"
 
 namespace servotwin::daemon {
 
@@ -19,10 +25,19 @@ struct ProgramState {
     kLearning,
     kLearned,     ///< its correction is kept
     kNotLearned,  ///< its file is there, and it has no correction
+    kRecognised,  ///< the machine repeats it; it may be accepted
   };
   What what = What::kWaiting;
-  std::uint64_t revision = 0;  ///< of the last that was read; 0: none
-  std::string text;            ///< the last result for people; may be empty
+  std::uint64_t revision = 0;                         ///< of the last that was read; 0: none
+  std::string text;                                   ///< the last result for people; may be empty
+  std::shared_ptr<const CommandedPath> recognised{};  ///< the path, if that is its state
+};
+
+/// The repetition that the machine is in.
+struct MotionRepeats {
+  std::vector<std::string> programs;  ///< whatever their state is
+  std::size_t repetitions = 0;
+  double shortest_period_s = 0.0, longest_period_s = 0.0;
 };
 
 class ProgramList {
@@ -37,10 +52,13 @@ class ProgramList {
     const std::lock_guard lock(mutex_);
     return changes_;
   }
-  /// `states`: by the name of the program. `seen`: the changes before the last look.
-  void show(std::map<std::string, ProgramState> states, std::uint64_t seen) {
+  /// `states`: by the name of the program. `seen`: the changes before the last look. `repeats`: if
+  /// the motion does now.
+  void show(std::map<std::string, ProgramState> states, std::uint64_t seen,
+            std::optional<MotionRepeats> repeats = {}) {
     const std::lock_guard lock(mutex_);
     states_.swap(states);
+    repeats_ = std::move(repeats);
     std::erase_if(changed_, [&](const auto& one) { return one.second <= seen; });
   }
   [[nodiscard]] std::map<std::string, ProgramState> states() const {
@@ -49,12 +67,17 @@ class ProgramList {
     for (const auto& [program, change] : changed_) out[program].what = ProgramState::What::kWaiting;
     return out;
   }
+  [[nodiscard]] std::optional<MotionRepeats> repeats() const {
+    const std::lock_guard lock(mutex_);
+    return repeats_;
+  }
 
  private:
   mutable std::mutex mutex_;
   std::uint64_t changes_ = 0;
   std::map<std::string, std::uint64_t> changed_;  // number of the last change of each program
   std::map<std::string, ProgramState> states_;
+  std::optional<MotionRepeats> repeats_;
 };
 
 }  // namespace servotwin::daemon

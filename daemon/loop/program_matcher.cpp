@@ -19,6 +19,17 @@ Eigen::Index first_motion_of(const CommandedPath& program, double tolerance) noe
   return row;
 }
 
+/// The rows until the machine stands for good.
+Eigen::Index last_motion_of(const CommandedPath& program, double tolerance) noexcept {
+  const std::vector<Eigen::ArrayXd>& path = program.command;
+  Eigen::Index row = program.rows() - 1;
+  const auto there = [&](const Eigen::ArrayXd& axis) {
+    return std::abs(axis(row) - axis(axis.size() - 1)) <= tolerance;
+  };
+  while (row > 0 && std::all_of(path.begin(), path.end(), there)) --row;
+  return row;
+}
+
 }  // namespace
 
 bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance) {
@@ -32,6 +43,19 @@ bool same_course(const CommandedPath& a, const CommandedPath& b, double toleranc
                          row_b = k < 0 ? 0 : std::min(from_b + k, b.rows() - 1);
       if (!(std::abs(one(row_a) - other(row_b)) <= tolerance)) return false;
     }
+  }
+  return true;
+}
+
+bool begin_alike(const CommandedPath& a, const CommandedPath& b, double tolerance) {
+  if (a.axes != b.axes) return false;
+  const Eigen::Index from_a = first_motion_of(a, tolerance), from_b = first_motion_of(b, tolerance);
+  const Eigen::Index rows =
+      std::min(last_motion_of(a, tolerance) - from_a, last_motion_of(b, tolerance) - from_b) + 1;
+  if (rows <= 0) return false;
+  for (std::size_t i = 0; i < a.axes.size(); ++i) {
+    const auto away = a.command[i].segment(from_a, rows) - b.command[i].segment(from_b, rows);
+    if (!(away.abs().maxCoeff() <= tolerance)) return false;
   }
   return true;
 }

@@ -28,6 +28,10 @@ namespace servotwin::daemon {
 /// both were watched, neither would ever be recognised.
 [[nodiscard]] bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance);
 
+/// Whether one of the programs is the begin of the other, from their first motion to the last of
+/// the shorter one: while the machine runs it, neither is recognised.
+[[nodiscard]] bool begin_alike(const CommandedPath& a, const CommandedPath& b, double tolerance);
+
 class ProgramMatcher {
  public:
   static constexpr std::size_t kMaxPrograms = 8;

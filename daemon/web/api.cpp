@@ -146,6 +146,8 @@ const char* name_of(ProgramState::What what) {
       return "learned";
     case ProgramState::What::kNotLearned:
       return "not_learned";
+    case ProgramState::What::kRecognised:
+      return "recognised";
   }
   return "";
 }
@@ -162,6 +164,14 @@ int status_of(ProgramInbox::Outcome::What what) {
       return 500;
   }
   return 500;
+}
+
+json repeats_json(const std::optional<MotionRepeats>& repeats) {
+  if (!repeats) return nullptr;
+  return {{"programs", repeats->programs},
+          {"repetitions", repeats->repetitions},
+          {"shortest_period_s", repeats->shortest_period_s},
+          {"longest_period_s", repeats->longest_period_s}};
 }
 
 json arming_json(Arming* arming) {
@@ -269,6 +279,8 @@ std::string Api::status() {
   out["uptime_s"] = now.uptime_s;
   out["silent_s"] = number_or_null(now.silent_s);
   out["offsets"] = arming_json(sources_.arming());
+  const auto inbox = sources_.programs();
+  out["repeats"] = repeats_json(inbox == nullptr ? std::nullopt : inbox->list().repeats());
   return text_of(out);
 }
 
@@ -387,12 +399,11 @@ HttpResponse Api::change_program(const std::string& name, const HttpRequest& req
   const std::shared_ptr<ProgramInbox> inbox = inbox_for(name);
   const std::shared_ptr<const std::string> csv = request.body;
   const bool puts = request.method == "PUT";
-  if (puts && csv == nullptr)
-    throw Refused(400,
-                  "program " + in_quotes(name) + ": the request has no body; send the path as CSV");
   return slow_.begin([inbox, name, csv, puts] {
     return answer_of([&] {
-      const ProgramInbox::Outcome outcome = puts ? inbox->put(name, *csv) : inbox->remove(name);
+      const ProgramInbox::Outcome outcome = !puts            ? inbox->remove(name)
+                                            : csv == nullptr ? inbox->accept(name)
+                                                             : inbox->put(name, *csv);
       if (outcome.what != ProgramInbox::Outcome::What::kDone)
         throw Refused(status_of(outcome.what), outcome.text);
       return answer_json(

@@ -9,6 +9,7 @@ const kKinds = {
   correction_used: ["used", "good"],
   correction_kept: ["kept", "good"],
   correction_withdrawn: ["withdrawn", "bad"],
+  motion_repeats: ["recognised", "soft"],
   program_previewed: ["previewed", "soft"],
   program_received: ["received", "soft"],
   program_removed: ["removed", "soft"],

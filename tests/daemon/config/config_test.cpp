@@ -358,6 +358,15 @@ TEST(Config, NoOffsetIsSentUnlessItIsAskedFor) {
   EXPECT_FALSE(checked.config.axes[0].correction);
 }
 
+TEST(Config, WhatRepeatsIsOfferedAndIsLearnedOnlyWhereThereIsAFolder) {
+  EXPECT_EQ(check_config("", "m.toml").config.ilc.recognise, IlcConfig::Recognise::kOffer);
+  EXPECT_EQ(check_config("[ilc]\nrecognise = 'off'\n", "m.toml").config.ilc.recognise,
+            IlcConfig::Recognise::kOff);
+  const CheckedConfig checked = check_config("[ilc]\nrecognise = 'learn'\n", "m.toml");
+  ASSERT_EQ(checked.problems.size(), 1U);
+  EXPECT_THAT(checked.problems[0].what, HasSubstr("give ilc.programs as well"));
+}
+
 TEST(Config, CorrectionsAreReadWithTheirLimits) {
   const CheckedConfig checked = check_config(R"(
     [[axis]]
@@ -366,6 +375,7 @@ TEST(Config, CorrectionsAreReadWithTheirLimits) {
     [ilc]
     aim = "contour"
     programs = "parts"
+    recognise = "learn"
     trials = 7
     live = true
     ramp_s = 0.2
@@ -387,6 +397,7 @@ TEST(Config, CorrectionsAreReadWithTheirLimits) {
   const IlcConfig& ilc = checked.config.ilc;
   EXPECT_TRUE(ilc.contour);
   EXPECT_EQ(ilc.programs, "parts");
+  EXPECT_EQ(ilc.recognise, IlcConfig::Recognise::kLearn);
   EXPECT_EQ(ilc.trials, 7);
   EXPECT_TRUE(ilc.live);
   EXPECT_EQ(ilc.ramp_s, 0.2);

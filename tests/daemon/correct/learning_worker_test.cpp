@@ -31,6 +31,7 @@ class LearningWorkerTest : public testing::Test {
       config.axes.back().correction = limits_;
     }
     config.ilc.programs = programs_;
+    config.ilc.recognise = recognise_;
     worker_ = std::make_unique<LearningWorker>(
         learning_rules(config, two_axes()), store_, events_, hand_over_,
         [this](const CorrectionChunk& chunk) { announced_.push_back(chunk); });
@@ -89,6 +90,7 @@ class LearningWorkerTest : public testing::Test {
   EventLog events_{store_, said_};
   std::optional<OffsetLimits> limits_ = OffsetLimits{3e-3, 0.2, 200.0};
   std::filesystem::path programs_;
+  IlcConfig::Recognise recognise_ = IlcConfig::Recognise::kOffer;
   OffsetHandOver hand_over_;
   std::vector<CorrectionChunk> announced_;
   std::unique_ptr<LearningWorker> worker_;
@@ -462,6 +464,176 @@ TEST_F(LearningWorkerTest, WithItsFileACorrectionIsWithdrawnButNotOneFromTheNetw
   EXPECT_THAT(events("correction_withdrawn")[0].text,
               AllOf(HasSubstr("'a'"), HasSubstr(parts.path().string())));
   EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
+}
+
+/// A machine whose commands the worker hears: the circle of X and Y over and over, with pauses that
+/// differ.
+class RecognisingWorkerTest : public LearningWorkerTest {
+ protected:
+  void start() {
+    LearningWorkerTest::start();
+    worker_->show_in(inbox().list());
+    worker_->hear_with([this](double after_s) { return heard(after_s); },
+                       [this](const std::string& program) { return inbox().accept(program); });
+  }
+  ProgramInbox& inbox() {
+    if (!inbox_) inbox_ = std::make_unique<ProgramInbox>(programs_, two_axes(), events_);
+    return *inbox_;
+  }
+  void run_circle(int times) {
+    const auto path = circle_program();
+    for (int i = 0; i < times; ++i) {
+      for (Eigen::Index k = 0; k < path[0].size(); ++k) command({path[0](k), path[1](k)});
+      for (int k = 0; k < 50 + 7 * i; ++k) command({path[0](0), path[1](0)});
+    }
+  }
+  void command(const std::array<double, 2>& now) {
+    machine_.time.push_back(machine_.time.empty() ? kCycle_s : machine_.time.back() + kCycle_s);
+    for (std::size_t i = 0; i < 2; ++i) machine_.axes[i].command.push_back(now[i]);
+  }
+  Recording heard(double after_s) const {
+    Recording out{"", {}, {{"X", false, {}, {}, {}, {}}, {"Y", false, {}, {}, {}, {}}}, {}};
+    for (std::size_t k = 0; k < machine_.time.size(); ++k) {
+      if (machine_.time[k] <= after_s) continue;
+      out.time.push_back(machine_.time[k]);
+      for (std::size_t i = 0; i < 2; ++i)
+        out.axes[i].command.push_back(machine_.axes[i].command[k]);
+    }
+    return out;
+  }
+  void look() {
+    worker_->look_for_repetition(now_ns_ += LearningWorker::kLookEvery_ns);
+    worker_->look_into_folder(now_ns_);
+    worker_->show();
+  }
+  std::map<std::string, ProgramState> listed() { return inbox().list().states(); }
+
+  Recording machine_{"", {}, {{"X", false, {}, {}, {}, {}}, {"Y", false, {}, {}, {}, {}}}, {}};
+  std::unique_ptr<ProgramInbox> inbox_;
+  std::int64_t now_ns_ = 0;
+};
+
+TEST_F(RecognisingWorkerTest, WhatRepeatsIsOfferedOnceAndLearnedWhenItIsAccepted) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  run_circle(2);
+  look();
+  EXPECT_THAT(listed(), IsEmpty());
+  EXPECT_FALSE(inbox().list().repeats());
+  for (int i = 0; i < 3; ++i) {
+    run_circle(1);
+    look();
+  }
+  ASSERT_EQ(listed().size(), 1U) << said_.str();
+  const auto [name, state] = *listed().begin();
+  EXPECT_EQ(state.what, ProgramState::What::kRecognised);
+  EXPECT_THAT(state.text, HasSubstr("X, Y repeat"));
+  ASSERT_EQ(events("motion_repeats").size(), 1U);
+  EXPECT_THAT(events("motion_repeats")[0].text,
+              AllOf(HasSubstr("'" + name + "'"), HasSubstr("3 times"),
+                    HasSubstr("PUT /api/v1/programs/" + name)));
+  ASSERT_TRUE(inbox().list().repeats());
+  EXPECT_THAT(inbox().list().repeats()->programs, testing::ElementsAre(name));
+  EXPECT_EQ(inbox().list().repeats()->repetitions, 5U);
+  const double round_s = kCycle_s * static_cast<double>(circle_program()[0].size());
+  EXPECT_NEAR(inbox().list().repeats()->shortest_period_s, round_s + 0.05, 1e-9);
+  EXPECT_NEAR(inbox().list().repeats()->longest_period_s, round_s + 0.057, 1e-9);
+  EXPECT_THAT(worker_->kept(), IsEmpty()) << "nothing is learned without a request";
+
+  EXPECT_EQ(inbox().accept("nobody").what, ProgramInbox::Outcome::What::kRefused);
+  EXPECT_EQ(inbox().accept(name).what, ProgramInbox::Outcome::What::kDone);
+  look();
+  look();
+  ASSERT_EQ(worker_->kept().size(), 1U) << said_.str();
+  EXPECT_EQ(worker_->kept()[0]->program.name, name);
+  EXPECT_EQ(listed().begin()->second.what, ProgramState::What::kLearned);
+  // The circle from its first motion on: an interior point of it, wherever it is cut.
+  const CommandedPath& program = worker_->kept()[0]->program;
+  const auto path = circle_program();
+  EXPECT_TRUE(begin_alike(program, {"", 0, true, {0, 1}, {path[0], path[1]}}, 1e-12));
+
+  run_circle(2);
+  look();
+  EXPECT_EQ(events("motion_repeats").size(), 1U);
+  EXPECT_THAT(inbox().list().repeats()->programs, testing::ElementsAre(name));
+}
+
+TEST_F(RecognisingWorkerTest, WithLearnItIsPutIntoTheFolderAtOnceAndOnlyOnce) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  recognise_ = IlcConfig::Recognise::kLearn;
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  run_circle(3);
+  for (int i = 0; i < 3; ++i) look();
+  ASSERT_EQ(worker_->kept().size(), 1U) << said_.str();
+  EXPECT_THAT(worker_->kept()[0]->program.name, testing::StartsWith("motion-"));
+
+  start();  // after a restart the file is there
+  machine_.time.clear();
+  for (AxisRecord& axis : machine_.axes) axis.command.clear();
+  look();
+  look();
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  run_circle(4);
+  look();
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(parts.path()), {}), 1);
+  EXPECT_EQ(events("program_received").size(), 1U);
+  EXPECT_EQ(events("motion_repeats").size(), 1U) << "it is known";
+}
+
+TEST_F(RecognisingWorkerTest, AProgramThatIsKnownIsNotOfferedAndOneThatBecomesKnownNoLonger) {
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  const auto path = circle_program();
+  send({path[0], path[1]}, true, "ring");
+  run_circle(3);
+  look();
+  EXPECT_THAT(events("motion_repeats"), IsEmpty());
+  ASSERT_TRUE(inbox().list().repeats());
+  EXPECT_THAT(inbox().list().repeats()->programs, testing::ElementsAre("ring"));
+
+  start();  // it is forgotten
+  run_circle(1);
+  look();
+  ASSERT_EQ(events("motion_repeats").size(), 1U);
+  EXPECT_THAT(events("motion_repeats")[0].text, HasSubstr("configure ilc.programs"));
+  send({path[0], path[1]}, true, "ring");
+  worker_->show();
+  EXPECT_EQ(listed().size(), 1U);
+  EXPECT_EQ(listed().begin()->first, "ring");
+}
+
+TEST_F(RecognisingWorkerTest, CommandsWithAnOffsetAreNoProgram) {
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  for (const bool live : {false, true}) {
+    SCOPED_TRACE(live);
+    start();
+    send({0.5 * circle_program()[0]}, true, "other");
+    for (int i = 0; i < 3; ++i) {
+      run_circle(1);
+      OffsetRun run;
+      run.learned = worker_->kept()[0]->number;
+      run.live = live;
+      hand_over_.runs.push(run);
+      worker_->judge_runs();
+      look();
+    }
+    EXPECT_EQ(inbox().list().repeats().has_value(), !live);
+    machine_.time.clear();
+    for (AxisRecord& axis : machine_.axes) axis.command.clear();
+  }
+}
+
+TEST_F(RecognisingWorkerTest, NothingIsRecognisedWhereThatIsOff) {
+  recognise_ = IlcConfig::Recognise::kOff;
+  start();
+  run_circle(4);
+  look();
+  EXPECT_THAT(listed(), IsEmpty());
+  EXPECT_THAT(events("motion_repeats"), IsEmpty());
 }
 
 TEST_F(LearningWorkerTest, LearningIsGivenUpWhenTheDaemonStops) {

@@ -6,9 +6,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <numbers>
 #include <random>
+
+#include "drivers/recording_file.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -47,6 +50,15 @@ class Path {
     }
     return *this;
   }
+  /// As rest() and to(), from wherever the last row is.
+  void hold(std::size_t rows) {
+    from_last();
+    rest(rows);
+  }
+  void line_to(double x, double y, std::size_t rows) {
+    from_last();
+    to(x, y, rows);
+  }
   void add(double x, double y) {
     commands_[0].push_back(1e-7 * std::round(1e7 * x));
     commands_[1].push_back(1e-7 * std::round(1e7 * y));
@@ -59,6 +71,10 @@ class Path {
   std::vector<std::vector<double>> commands_{2};
 
  private:
+  void from_last() {
+    x_ = commands_[0].back();
+    y_ = commands_[1].back();
+  }
   double x_ = 0.0, y_ = 0.0;
 };
 
@@ -324,6 +340,33 @@ TEST(RepeatingMotion, WhatDoesNotRepeatIsNotSaidToRepeat) {
   Path sine;
   for (int k = 0; k < 60'000; ++k) sine.add(0.01 * std::sin(2.0 * std::numbers::pi * k / 500.0), 0);
   EXPECT_FALSE(sine.rest(500).found());
+}
+
+// A production of two axes without repetition, as the daemon hears it; and the same program run
+// four times, with a way back to its begin and pauses that differ.
+TEST(RepeatingMotion, ARecordedProductionRepeatsOnlyWhenItIsRunAgain) {
+  const Recording recording =
+      read_recording(std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "examples/axis_production.csv");
+  const std::vector<double>&x = recording.axes[0].command, &y = recording.axes[1].command;
+  Path heard;
+  for (std::size_t row = 0; row < x.size(); ++row) {
+    heard.add(x[row], y[row]);
+    if (row % 1000 == 0) {
+      EXPECT_FALSE(heard.found()) << row;
+    }
+  }
+  EXPECT_FALSE(heard.found());
+  Path again;
+  for (const std::size_t pause : {700U, 731U, 1502U, 640U}) {
+    for (std::size_t row = 0; row < x.size(); ++row) again.add(x[row], y[row]);
+    again.hold(200);
+    again.line_to(x[0], y[0], 900);
+    again.hold(pause);
+  }
+  const std::optional<RepeatingMotion> found = again.found();
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->begins.size(), 4U);
+  EXPECT_EQ(found->begins[2] - found->begins[1], x.size() + 200 + 900 + 731);
 }
 
 TEST(RepeatingMotion, AHundredMovesInARow) {

@@ -28,6 +28,18 @@ CommandedPath program_of(double turn, Eigen::Index dwell = 30, double until = 30
   return out;
 }
 
+TEST(Programs, BeginAlikeAsFarAsTheShorterOneMoves) {
+  const CommandedPath whole = program_of(0.0), shorter = program_of(0.0, 12, 150.0);
+  EXPECT_TRUE(begin_alike(whole, whole, kTolerance));
+  EXPECT_TRUE(begin_alike(whole, program_of(0.0, 70), kTolerance)) << "the rests do not matter";
+  EXPECT_TRUE(begin_alike(whole, shorter, kTolerance));
+  EXPECT_TRUE(begin_alike(shorter, whole, kTolerance));
+  EXPECT_FALSE(begin_alike(program_of(0.1), shorter, kTolerance));
+  CommandedPath other = whole;
+  other.axes = {1, 2};
+  EXPECT_FALSE(begin_alike(whole, other, kTolerance));
+}
+
 class ProgramMatcherTest : public testing::Test {
  protected:
   void watch(const std::vector<const CommandedPath*>& programs) { matcher_.watch(programs); }

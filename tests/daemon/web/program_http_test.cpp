@@ -151,6 +151,36 @@ TEST_F(ProgramHttpTest, AProgramThatCannotBeLearnedYetIsListedWithTheReason) {
   EXPECT_THAT(programs()[0]["text"].get<std::string>(), HasSubstr("no model"));
 }
 
+TEST_F(ProgramHttpTest, WhatHasBeenRecognisedIsListedAndAcceptedWithoutABody) {
+  EXPECT_TRUE(get("/api/v1/status").json()["repeats"].is_null());
+  auto path = std::make_shared<CommandedPath>();
+  *path = {"motion-1", 0, true, {0}, {path_}};
+  ProgramState state{ProgramState::What::kRecognised, 0, "X repeats", path};
+  inbox_->list().show({{"motion-1", state}}, 0, MotionRepeats{{"motion-1"}, 3, 1.5, 2.5});
+  const nlohmann::json listed = programs();
+  ASSERT_EQ(listed.size(), 1U);
+  EXPECT_EQ(listed[0]["state"], "recognised");
+  EXPECT_EQ(listed[0]["text"], "X repeats");
+  const nlohmann::json repeats = get("/api/v1/status").json()["repeats"];
+  EXPECT_EQ(repeats["programs"][0], "motion-1");
+  EXPECT_EQ(repeats["repetitions"], 3);
+  EXPECT_EQ(repeats["shortest_period_s"], 1.5);
+  EXPECT_EQ(repeats["longest_period_s"], 2.5);
+
+  EXPECT_EQ(put("motion-1", "", "").status, 401);
+  EXPECT_THAT(files_of(parts_.path()), IsEmpty());
+  EXPECT_EQ(put("motion-1", "").status, 202);
+  ASSERT_THAT(files_of(parts_.path()), testing::ElementsAre("motion-1.csv"));
+  EXPECT_EQ(programs()[0]["state"], "waiting");
+  // The file is the path to the last bit.
+  std::vector<double> command;
+  for (const ProgramChunk& chunk :
+       read_program(parts_.path() / "motion-1.csv", "motion-1", machine_, 1))
+    command.insert(command.end(), chunk.command.begin(), chunk.command.end());
+  EXPECT_EQ(command, std::vector<double>(path_.begin(), path_.end()));
+  EXPECT_EQ(put("motion-1", "").status, 202) << "it is there already";
+}
+
 TEST_F(ProgramHttpTest, WhatIsRefusedLeavesTheFolderAsItWas) {
   const std::string csv = csv_of(path_);
   ASSERT_EQ(put("ring", csv).status, 202);
