@@ -28,17 +28,32 @@ std::string text_of(const daemon::DdsConfig& dds) {
          (dds.partition.empty() ? "" : ", partition " + in_quotes(dds.partition));
 }
 
+/// The mapping of a machine on CAN.
+std::optional<CanMap> mapping_of(const daemon::Config& config) {
+  if (config.source == daemon::SourceKind::kCan) return load_can_map(config.can.map);
+  if (config.source == daemon::SourceKind::kUdp) return load_can_map(config.udp.map);
+  return std::nullopt;
+}
+
+/// The messages to a PLC, if there are any.
+void say_predictions(const std::optional<CanMap>& map) {
+  if (!map) return;
+  std::vector<std::string> messages;
+  for (const std::size_t message : prediction_messages(*map))
+    messages.push_back(map->messages[message].name);
+  if (messages.empty()) return;
+  say(stdout, text("PLC         predictions every %.6g ms in ", 1e3 * map->prediction_period_s) +
+                  listed(messages));
+}
+
 /// What the drives must do with live offsets, if any axis has a correction.
-void say_offsets(const daemon::Config& config) {
+void say_offsets(const daemon::Config& config, const std::optional<CanMap>& map) {
   if (daemon::corrected_axes(config).empty()) return;
   const daemon::IlcConfig& ilc = config.ilc;
   say(stdout, std::string("offsets     ") + (ilc.live ? "live" : "dry run") +
                   text("; a drive keeps one for %.6g ms or longer (validity_s), then ramps it to 0 "
                        "within %.6g ms (drive_ramp_s)",
                        1e3 * ilc.validity_s, 1e3 * ilc.drive_ramp_s));
-  std::optional<CanMap> map;
-  if (config.source == daemon::SourceKind::kCan) map = load_can_map(config.can.map);
-  if (config.source == daemon::SourceKind::kUdp) map = load_can_map(config.udp.map);
   if (map) {
     for (const std::string& line : daemon::drive_settings(config, *map))
       say(stdout, "drive       " + line);
@@ -134,7 +149,9 @@ void run(const std::filesystem::path& file) {
   const auto store =
       config.store.directory.empty() ? daemon::default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
-  say_offsets(config);
+  const std::optional<CanMap> map = mapping_of(config);
+  say_predictions(map);
+  say_offsets(config, map);
   say_programs(config.ilc.programs);
   if (config.ilc.live) {
     if (config.http.token.empty())

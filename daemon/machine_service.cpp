@@ -345,6 +345,7 @@ MachineStatus MachineService::status() {
   for (std::size_t i = 0; i < now.axes.size(); ++i) {
     now.axes[i].rotary = machine_.axes[i].rotary;
     now.axes[i].alarm = watch_.state(i);
+    source_.show_alarm(i, now.axes[i].alarm == AlarmState::kRaised);
   }
   now.last_error = last_error_;
   return now;

@@ -20,9 +20,11 @@ namespace {
 struct ChannelKind {
   CanChannel channel;
   const char* key;
-  std::uint16_t object;  // of CiA 402
-  enum { kPosition, kDifference, kTorque, kBits } kind;
-  bool to_drive;
+  std::uint16_t object;  // of CiA 402; 0: not of a drive
+  enum { kPosition, kDifference, kTorque, kBits, kFlag } kind;
+  bool to_drive;  // or to a PLC
+
+  [[nodiscard]] bool has_unit() const { return kind != kBits && kind != kFlag; }
 };
 constexpr std::array<ChannelKind, kCanChannels> kKinds{{
     {CanChannel::kCommand, "command", 0x6062, ChannelKind::kPosition, false},
@@ -33,6 +35,10 @@ constexpr std::array<ChannelKind, kCanChannels> kKinds{{
     {CanChannel::kTarget, "target", 0x607A, ChannelKind::kPosition, true},
     {CanChannel::kOffset, "offset", 0x60B0, ChannelKind::kDifference, true},
     {CanChannel::kControlWord, "control_word", 0x6040, ChannelKind::kBits, true},
+    {CanChannel::kPredictedError, "predicted_error", 0, ChannelKind::kDifference, true},
+    {CanChannel::kResidual, "residual", 0, ChannelKind::kDifference, true},
+    {CanChannel::kPredictionValid, "prediction_valid", 0, ChannelKind::kFlag, true},
+    {CanChannel::kAlarm, "alarm", 0, ChannelKind::kFlag, true},
 }};
 // CiA 402: torque in thousandths of the rated one.
 constexpr const char* kPerMille = "%*0.1";
@@ -86,11 +92,20 @@ class MapReader {
     }
     for (std::size_t i = 0; i < std::min<std::size_t>(axes.size(), kMaxAxes); ++i)
       read_axis(*axes[i]);
+    read_prediction_period(root);
     root.refuse_unknown();
     name_messages();
   }
 
  private:
+  void read_prediction_period(Section& root) {
+    root.number("prediction_period_s", kMinCycle_s, 60.0, "s", map_.prediction_period_s);
+    if (root.has("prediction_period_s") && prediction_messages(map_).empty())
+      root.report("prediction_period_s",
+                  "has no effect: no predicted_error, residual, prediction_valid or alarm of an "
+                  "axis is mapped");
+  }
+
   void read_buses(Section& root) {
     for (const toml::table* table : tables(root, "bus")) {
       Section bus(table, "bus", problems_);
@@ -237,7 +252,20 @@ class MapReader {
                   "has no effect: no position of this axis is given as an angle [rev, rad, deg]");
     }
     read_offset_timeout(axis, index, failed);
+    if (!failed) require_validity(axis, index);
     axis.refuse_unknown();
+  }
+
+  /// A PLC must be able to tell 0 from not known.
+  void require_validity(Section& axis, std::size_t index) {
+    const MappedSignal* valid = map_.find(index, CanChannel::kPredictionValid);
+    for (const CanChannel channel : {CanChannel::kPredictedError, CanChannel::kResidual}) {
+      const MappedSignal* figure = map_.find(index, channel);
+      if (figure != nullptr && (valid == nullptr || valid->message != figure->message))
+        axis.report(std::string(name_of(channel)),
+                    "is sent as 0 where it is not known: map prediction_valid of this axis into "
+                    "the same message");
+    }
   }
 
   /// What the drive does when offsets stop.
@@ -269,7 +297,8 @@ class MapReader {
                     const AxisUnits& units) {
     Section section = axis.section(kind.key);
     if (!section.given()) {
-      if (defaults.node == 0 || !sources_.has_node(defaults.bus, defaults.node)) return true;
+      if (kind.object == 0 || defaults.node == 0 || !sources_.has_node(defaults.bus, defaults.node))
+        return true;
       const auto found =
           sources_.find_object(defaults.bus, defaults.node, kind.object, 0, kind.to_drive);
       return !found || add_signal(axis, "node", kind, *found, "", 0.0, defaults, units);
@@ -298,12 +327,12 @@ class MapReader {
       if (unit.empty()) unit = defaults.torque_unit;
       if (unit.empty()) unit = source.unit;
       if (unit.empty() && source.object == 0x6077) unit = kPerMille;
-    } else if (kind.kind != ChannelKind::kBits) {
+    } else if (kind.has_unit()) {
       if (unit.empty()) unit = source.unit;
       if (unit.empty()) unit = defaults.position_unit;
     }
     double factor = 1.0;
-    if (kind.kind != ChannelKind::kBits) {
+    if (kind.has_unit()) {
       const std::string what = source.origin + " (" + kind.key + ")";
       if (unit.empty()) {
         axis.report(key, what +
@@ -324,8 +353,9 @@ class MapReader {
         axis.report(key, what + " in [" + unit + "]: " + problem);
         return false;
       }
-      if (units.invert) factor = -factor;
+      if (units.invert && kind.object != 0) factor = -factor;
     }
+    if (kind.kind == ChannelKind::kFlag) signal.signal.coding = Coding::kUnsigned;
     if (kind.kind == ChannelKind::kPosition) {
       double steps = rollover > 0.0 ? rollover : defaults.rollover;
       if (steps == 0.0 && signal.signal.coding != Coding::kFloat && signal.signal.length < 64)
@@ -334,7 +364,8 @@ class MapReader {
     }
     signal.signal.scale *= factor;
     signal.signal.offset *= factor;
-    const std::string problem = place(source.message, kind, signal.message);
+    std::string problem = shared_wrongly(source.message, kind);
+    if (problem.empty()) problem = place(source.message, kind, signal.message);
     if (!problem.empty()) {
       axis.report(key, problem);
       return false;
@@ -362,6 +393,25 @@ class MapReader {
     if (units.lead_m == 0.0)
       return "an angle of a linear axis: give lead_mm, the travel per turn of the screw";
     factor *= units.lead_m / (2.0 * std::numbers::pi);
+    return "";
+  }
+
+  /// Why the id of a message to a PLC cannot be this one, or that of another message; empty if it
+  /// can.
+  std::string shared_wrongly(const MappedMessage& message, const ChannelKind& kind) const {
+    const bool to_plc = is_prediction(kind.channel);
+    if (to_plc && message.bus == map_.start.bus && message.id == map_.start.id &&
+        message.extended == map_.start.extended)
+      return message.name + " begins the cycles; a message to a PLC needs an id of its own";
+    for (const MappedSignal& other : map_.signals) {
+      const MappedMessage& its = map_.messages[other.message];
+      if (its.bus != message.bus || its.id != message.id || its.extended != message.extended ||
+          is_prediction(other.channel) == to_plc)
+        continue;
+      return message.name + " carries " + std::string(name_of(other.channel)) + " of axis " +
+             map_.machine.axes[other.axis].name +
+             " as well; a message to a PLC needs an id of its own";
+    }
     return "";
   }
 
@@ -442,6 +492,16 @@ const MappedSignal* CanMap::find(std::size_t axis, CanChannel channel) const noe
     if (signal.axis == axis && signal.channel == channel) return &signal;
   }
   return nullptr;
+}
+
+std::vector<std::size_t> prediction_messages(const CanMap& map) {
+  std::vector<std::size_t> out;
+  for (const MappedSignal& signal : map.signals) {
+    if (is_prediction(signal.channel) &&
+        std::find(out.begin(), out.end(), signal.message) == out.end())
+      out.push_back(signal.message);
+  }
+  return out;
 }
 
 CheckedCanMap check_can_map(std::string_view text, const std::string& name,

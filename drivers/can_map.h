@@ -30,9 +30,19 @@ enum class CanChannel : std::uint8_t {
   kTarget,          ///< target position, 0x607A, from the controller to the drive
   kOffset,          ///< position offset, 0x60B0, from this program to the drive
   kControlWord,     ///< 0x6040
+  // From this program to a PLC, in messages of their own:
+  kPredictedError,   ///< of the tracking error
+  kResidual,         ///< measured minus predicted error
+  kPredictionValid,  ///< 1: the two are known; else they are sent as 0
+  kAlarm,            ///< 1: the residual alarm is raised
 };
-inline constexpr std::size_t kCanChannels = 8;
+inline constexpr std::size_t kCanChannels = 12;
 [[nodiscard]] std::string_view name_of(CanChannel channel) noexcept;
+
+/// Whether the signal goes to a PLC.
+[[nodiscard]] constexpr bool is_prediction(CanChannel channel) noexcept {
+  return channel >= CanChannel::kPredictedError;
+}
 
 /// The selector of a multiplexed message, which is present only if these bits have this value.
 struct CanSelector {
@@ -73,7 +83,8 @@ struct CycleStart {
 
 struct CanMap {
   MachineDescription machine;
-  double deadline_s = 0.0;  ///< after the start of a cycle, for its messages
+  double deadline_s = 0.0;            ///< after the start of a cycle, for its messages
+  double prediction_period_s = 0.01;  ///< between two messages to a PLC
   CycleStart start;
   std::vector<std::string> buses;  ///< names of the interfaces, as in logs
   std::vector<MappedMessage> messages;
@@ -82,6 +93,9 @@ struct CanMap {
 
   [[nodiscard]] const MappedSignal* find(std::size_t axis, CanChannel channel) const noexcept;
 };
+
+/// The messages of a map that carry predictions.
+[[nodiscard]] std::vector<std::size_t> prediction_messages(const CanMap& map);
 
 struct CheckedCanMap {
   CanMap map;                           ///< to be used only if there are no problems

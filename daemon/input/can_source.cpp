@@ -105,6 +105,7 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
       const CanFrame& next = queue.frames[queue.next++];
       completed_ns_ = next.time_ns;
       detect_other_sender(static_cast<std::size_t>(bus), next);
+      if (prediction_) prediction_->on_frame(static_cast<std::size_t>(bus), next, steady_ns());
       assembly_.on_frame(static_cast<std::size_t>(bus), next);
       continue;
     }
@@ -133,6 +134,16 @@ void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
     const std::size_t message = known.find(axis, CanChannel::kOffset)->message;
     carried_.push_back({axis, message, std::move(offset)});
   }
+}
+
+void CanSource::tell_predictions() { prediction_.emplace(assembly_.map(), steady_ns()); }
+
+void CanSource::tell(const MachinePrediction& prediction) noexcept {
+  if (prediction_) prediction_->tell(prediction, buses_, steady_ns());
+}
+
+void CanSource::show_alarm(std::size_t axis, bool raised) noexcept {
+  if (prediction_) prediction_->alarm(axis, raised);
 }
 
 void CanSource::detect_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
@@ -220,12 +231,13 @@ CanSource::Snapshot CanSource::snapshot() const {
   out.counts = assembly_.counts();
   for (const auto& bus : buses_) out.buses.push_back(bus->counts());
   out.stalled = stalled_.load(std::memory_order_relaxed);
+  out.other_tells = prediction_ && prediction_->heard_other(steady_ns());
   return out;
 }
 
 std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   const Snapshot now = snapshot();
-  bool changed = now.stalled != reported_.stalled;
+  bool changed = now.stalled != reported_.stalled || now.other_tells != reported_.other_tells;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const CanTrafficCounts& a = reported_.counts.buses[i];
     const CanTrafficCounts& b = now.counts.buses[i];
@@ -267,6 +279,14 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
         can_id_text(known.start.id, known.start.extended) + " on " + known.buses[known.start.bus];
     lines.push_back(now.stalled ? SourceNews{"no cycle starts: " + start + " is not received"}
                                 : SourceNews{"cycles start again with " + start, true});
+  }
+  if (now.other_tells != reported_.other_tells) {
+    lines.push_back(
+        now.other_tells
+            ? SourceNews{"another sender tells the PLC predictions: this daemon sends none while "
+                         "it does"}
+            : SourceNews{"the other sender of predictions is silent: this daemon sends them",
+                         true});
   }
   for (SourceNews& line : happened(known, reported_.counts, now.counts))
     lines.push_back(std::move(line));

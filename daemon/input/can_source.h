@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "daemon/input/can_offset.h"
+#include "daemon/input/can_prediction.h"
 #include "daemon/input/frame_source.h"
 #include "drivers/can_assembly.h"
 #include "drivers/can_bus.h"
@@ -30,8 +31,14 @@ class CanSource final : public FrameSource {
   /// offset of an axis (daemon/input/can_offset.h).
   void carry_offsets(const std::vector<std::size_t>& axes);
 
+  /// From now on tell() sends the predictions that the mapping has for a PLC. Call it before the
+  /// first frame.
+  void tell_predictions();
+
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   std::uint32_t send(const MachineOffset& offset, std::int64_t until_ns) noexcept override;
+  void tell(const MachinePrediction& prediction) noexcept override;
+  void show_alarm(std::size_t axis, bool raised) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] SourceState state(std::int64_t now_ns) const override;
   [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
@@ -56,6 +63,7 @@ class CanSource final : public FrameSource {
     CanCounts counts;
     std::vector<CanBusCounts> buses;
     bool stalled = false;
+    bool other_tells = false;  // another sender of predictions is heard
   };
 
   void refill(std::size_t bus) noexcept;
@@ -75,6 +83,7 @@ class CanSource final : public FrameSource {
     CanOffset offset;
   };
   std::vector<Carried> carried_;
+  std::optional<CanPrediction> prediction_;
   std::vector<std::size_t> order_;  // reading order; the bus with the start of cycles is last
   std::vector<Queue> queues_;
   std::int64_t clock_offset_ns_ = 0;  // wall clock (of the stamps) minus steady clock

@@ -48,6 +48,10 @@ class FrameSource {
   virtual std::uint32_t send(const MachineOffset& /*offset*/, std::int64_t /*until_ns*/) noexcept {
     return 0;
   }
+  /// Tells the prediction of a cycle to a PLC on the buses of the source. Thread of receive().
+  virtual void tell(const MachinePrediction& /*prediction*/) noexcept {}
+  /// Whether the residual alarm of an axis is raised, for tell(). Any thread.
+  virtual void show_alarm(std::size_t /*axis*/, bool /*raised*/) noexcept {}
   /// Time since the last received frame was due (replay) or sent [ns], by the clocks of this host.
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
   /// The state of the source. `now_ns`: steady clock. Any thread.

@@ -79,6 +79,12 @@ CanMap mapping(const Config& config) {
   return map;
 }
 
+std::vector<std::string> names_of(const std::vector<std::size_t>& messages, const CanMap& map) {
+  std::vector<std::string> out;
+  for (const std::size_t message : messages) out.push_back(map.messages[message].name);
+  return out;
+}
+
 MachineInput listening(const Config& config, EventLog& events) {
   CanMap map = mapping(config);
   for (const std::string& note : map.notes) events.note("source", "", note);
@@ -98,6 +104,12 @@ MachineInput listening(const Config& config, EventLog& events) {
   events.note("source", "", "listening to " + listed(map.buses));
   auto source = std::make_unique<CanSource>(map, std::move(buses), pacing);
   if (config.ilc.live) source->carry_offsets(corrected_axes(config));
+  if (!prediction_messages(map).empty()) {
+    source->tell_predictions();
+    events.note("source", "",
+                "predictions are sent every " + number(1e3 * map.prediction_period_s) + " ms in " +
+                    listed(names_of(prediction_messages(map), map)));
+  }
   MachineDescription machine = map.machine;
   return {std::move(source), std::move(machine), std::move(map)};
 }

@@ -170,6 +170,7 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
         offsets_->not_sent(axes);
       offsets_->has_left(steady_ns());
     }
+    if (predicted_) source.tell(prediction_);
     const std::int64_t taken = steady_ns() - begin;
     counters_.work.add(taken);
     if (taken > cycle_ns_) count(counters_.overruns);
@@ -223,6 +224,7 @@ void RealTimeLoop::add_contour(Path& path, const MachineFrame& frame, Order orde
 
 const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
                                             const Arrival& arrival) noexcept {
+  predicted_ = false;
   count(counters_.frames);
   if (came.axis_count != static_cast<int>(models_.size())) {
     count(counters_.malformed);
@@ -266,6 +268,7 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
   if (offset != nullptr && !said_->push({*offset, offsets_->leaves_until_ns(), offsets_->stream()}))
     offsets_->not_handed_over();
   predictions_.push(prediction_);
+  predicted_ = true;
   publisher_.notify();
 
   row_.time_ns = frame.time_ns;

@@ -131,6 +131,7 @@ class RealTimeLoop {
   CycleRow row_;
   bool first_ = true;
   bool row_dropped_ = false;
+  bool predicted_ = false;  // the last frame has a prediction
   std::uint64_t last_sequence_ = 0;
   std::int64_t last_time_ns_ = 0;
   LoopCounters counters_;

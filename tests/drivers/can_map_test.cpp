@@ -64,6 +64,41 @@ TEST(CanMap, ByHand) {
   EXPECT_NEAR(map.find(0, CanChannel::kCommand)->turn, std::ldexp(1e-7, 32), 1e-9);
 }
 
+TEST(CanMap, PredictionsGoToAPlcInMessagesOfTheirOwn) {
+  const auto with = [](const std::string& more, const std::string& root = "") {
+    return root + by_hand("", "unit = \"um\"\n") + more;
+  };
+  const std::string figures =
+      "[axis.predicted_error]\nid = 0x1A0\nstart_bit = 0\nlength = 16\nunit = \"um\"\n"
+      "[axis.prediction_valid]\nid = 0x1A0\nstart_bit = 16\nlength = 1\n";
+  const CanMap map = map_of(with(figures, "prediction_period_s = 0.02\n"));
+  EXPECT_EQ(map.prediction_period_s, 0.02);
+  EXPECT_THAT(prediction_messages(map), ElementsAre(1U));
+  EXPECT_EQ(map.messages[1].name, "0x1A0 of axis X");
+  EXPECT_FALSE(map.messages[1].from_machine);
+  EXPECT_THAT(prediction_messages(map_of(with(""))), IsEmpty());
+
+  const auto replaced = [](std::string text, const std::string& what, const std::string& by) {
+    for (std::size_t at = 0; (at = text.find(what, at)) != text.npos; at += by.size())
+      text.replace(at, what.size(), by);
+    return text;
+  };
+  EXPECT_THAT(problems_of(with(replaced(figures, "0x1A0", "0x181")), ""),
+              testing::Contains(HasSubstr("0x181 carries command of axis X as well; a message to a "
+                                          "PLC needs an id of its own")));
+  EXPECT_THAT(problems_of(with(replaced(figures, "0x1A0", "0x80")), ""),
+              testing::Contains(HasSubstr("0x080 begins the cycles")));
+  const std::string alone = figures.substr(0, figures.find("[axis.prediction_valid]"));
+  EXPECT_THAT(problems_of(with(alone), ""),
+              ElementsAre(HasSubstr("map prediction_valid of this axis into the same message")));
+  EXPECT_THAT(problems_of(with(figures.substr(0, figures.rfind("id = 0x1A0")) + "id = 0x1A1\n" +
+                               figures.substr(figures.rfind("start_bit"))),
+                          ""),
+              ElementsAre(HasSubstr("into the same message")));
+  EXPECT_THAT(problems_of(with("", "prediction_period_s = 0.02\n"), ""),
+              ElementsAre(HasSubstr("has no effect")));
+}
+
 TEST(CanMap, TheMotorsAngleGoesThroughGearAndLead) {
   // 8192 steps per turn of the motor, 2 turns of it per turn of the screw, 10 mm per turn of that.
   const CanMap map =

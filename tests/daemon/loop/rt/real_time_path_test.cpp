@@ -9,6 +9,7 @@
 #include <numbers>
 #include <thread>
 
+#include "daemon/input/can_prediction.h"
 #include "daemon/input/can_source.h"
 #include "daemon/loop/live_offsets.h"
 #include "daemon/loop/real_time_loop.h"
@@ -308,6 +309,35 @@ TEST(RealTimePath, ReceivingFromABusAllocatesNothing) {
             }),
             kNone);
   EXPECT_EQ(cycles, 100);
+}
+
+TEST(RealTimePath, TellingAPlcThePredictionsAllocatesNothing) {
+  CheckedCanMap checked = check_can_map(
+      "cycle_s = 0.001\nprediction_period_s = 0.001\n[[axis]]\nname = \"X\"\n"
+      "command = {id = 1, start_bit = 0, length = 32, unit = \"nm\"}\n"
+      "residual = {id = 2, start_bit = 0, length = 32, unit = \"nm\"}\n"
+      "prediction_valid = {id = 2, start_bit = 32, length = 1}\n",
+      "m.toml", "");
+  ASSERT_TRUE(checked.problems.empty());
+  auto plc = std::make_unique<CanUdp>(CanUdpPlace{"127.0.0.1:0", ""});
+  std::vector<std::unique_ptr<CanBus>> buses;
+  buses.push_back(std::make_unique<CanUdp>(
+      CanUdpPlace{"127.0.0.1:0", "127.0.0.1:" + std::to_string(plc->port())}));
+  CanPrediction teller(checked.map, 0);
+  MachinePrediction prediction;
+  prediction.axis_count = 1;
+  prediction.axes[0].state = AxisState::kPredicting;
+  EXPECT_EQ(seen([&] {
+              for (int k = 0; k < 50; ++k) {
+                prediction.axes[0].residual = k % 10 == 0 ? kAbsent : 1e-9 * k;
+                teller.tell(prediction, buses, 2 * CanPrediction::kQuiet_ns);
+              }
+            }),
+            kNone);
+  std::array<CanFrame, 64> frames;
+  std::size_t heard = 0;
+  while (const std::size_t count = plc->receive(frames, 0.05)) heard += count;
+  EXPECT_EQ(heard, 50U);
 }
 
 // The guard detects every forbidden operation; otherwise the tests above prove nothing.
