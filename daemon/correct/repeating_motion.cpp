@@ -176,7 +176,8 @@ std::optional<RepeatingMotion> repeating_motion(Commands command, double sample_
       axes |= moves[to++].axes;
     } while (to < shown + period && !differs(to));
     if (moves[to - 1].end - moves[from].first < kMinPartMotion) continue;
-    const std::size_t first = moves[from].first - rest_before(from);
+    // The row before the first motion is at rest as well.
+    const std::size_t first = moves[from].first - 1 - rest_before(from);
     out.parts.push_back({first, moves[to - 1].end + rest_before(to) - first, axes});
   }
   if (out.parts.empty()) return std::nullopt;

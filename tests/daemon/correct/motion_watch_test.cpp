@@ -67,9 +67,9 @@ TEST(MotionWatch, WhatRepeatsIsAProgramOfTheMotionItselfUnderALastingName) {
   const CommandedPath program = machine.watch.program_of(found->parts[0]);
   EXPECT_TRUE(program.learn);
   EXPECT_THAT(program.axes, ElementsAre(0U, 1U));
-  ASSERT_EQ(program.rows(), 100 + 1000 + 100);
-  for (int k = 0; k < 1200; ++k) {
-    const double angle = 2.0 * std::numbers::pi * std::clamp(k - 99, 0, 1000) / 1000.0;
+  ASSERT_EQ(program.rows(), 101 + 1000 + 100);
+  for (int k = 0; k < 1201; ++k) {
+    const double angle = 2.0 * std::numbers::pi * std::clamp(k - 100, 0, 1000) / 1000.0;
     EXPECT_NEAR(program.command[1](k), 0.1 + 0.01 * std::sin(angle), 1e-12) << k;
   }
   Heard later;
@@ -92,7 +92,7 @@ TEST(MotionWatch, CyclesLostInAMoveMakeItAnotherButNotInAPause) {
     machine.watch.forget();
     machine.rest(300);
     for (const int pause : {700, 800, 640}) {
-      machine.turn(0.01, pause == 800 ? lost : 0);
+      machine.turn(0.01, lost);  // the same each time: the rows that are heard repeat
       machine.rest(200);
       machine.now_s += 0.3;
       machine.rest(pause);

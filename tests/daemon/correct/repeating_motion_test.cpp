@@ -19,8 +19,7 @@ namespace {
 using testing::ElementsAre;
 
 constexpr double kCycle_s = 1e-3, kTolerance = 2e-6;
-constexpr std::size_t kEnd =
-    100;  // rows of rest that a part has at its ends, if the pause has them
+constexpr std::size_t kEnd = 100;  // rows that a part rests at its ends, if the pause is as long
 
 /// Commands of two axes, to the increment of 0.1 um, as a control sends them.
 class Path {
@@ -97,8 +96,8 @@ TEST(RepeatingMotion, TheBeginsAndThePartAreThoseOfThePathWhateverThePausesBetwe
   ASSERT_TRUE(found);
   EXPECT_EQ(found->begins, begins);
   ASSERT_EQ(found->parts.size(), 1U);
-  EXPECT_EQ(found->parts[0].first, begins[2] - kEnd);
-  EXPECT_EQ(found->parts[0].rows, kPartRows + 2 * kEnd);
+  EXPECT_EQ(found->parts[0].first, begins[2] - kEnd - 1);
+  EXPECT_EQ(found->parts[0].rows, kPartRows + 2 * kEnd + 1);
   EXPECT_EQ(found->parts[0].axes, 3U);
   EXPECT_EQ(found->deviation, 0.0);
 }
@@ -119,7 +118,7 @@ TEST(RepeatingMotion, WithPausesThatAreAllTheSameItBeginsAfterTheLongest) {
   ASSERT_TRUE(found);
   EXPECT_EQ(found->begins, begins);
   ASSERT_EQ(found->parts.size(), 1U);
-  EXPECT_EQ(found->parts[0].rows, kPartRows + 2 * kEnd);
+  EXPECT_EQ(found->parts[0].rows, kPartRows + 2 * kEnd + 1);
 }
 
 TEST(RepeatingMotion, ItBeginsAfterAPauseThatDiffersThoughALongerOneIsWithin) {
@@ -133,7 +132,7 @@ TEST(RepeatingMotion, ItBeginsAfterAPauseThatDiffersThoughALongerOneIsWithin) {
   ASSERT_TRUE(found);
   EXPECT_EQ(found->begins, begins);
   ASSERT_EQ(found->parts.size(), 1U);
-  EXPECT_EQ(found->parts[0].rows, 500 + 5000 + 400 + 2 * kEnd);
+  EXPECT_EQ(found->parts[0].rows, 500 + 5000 + 400 + 2 * kEnd + 1);
 }
 
 // Pauses that last for long are shortened to this by who keeps the record.
@@ -212,10 +211,10 @@ TEST(RepeatingMotion, APauseThatDiffersWithinDividesItIntoParts) {
   ASSERT_TRUE(found);
   EXPECT_EQ(found->begins, begins);
   ASSERT_EQ(found->parts.size(), 2U);
-  EXPECT_EQ(found->parts[0].first, begins[2] - kEnd);
-  EXPECT_EQ(found->parts[0].rows, kEnd + 500 + 200 + 1000 + 30) << "the shortest pause";
-  EXPECT_EQ(found->parts[1].first, begins[2] + 500 + 200 + 1000 + 45 - 30);
-  EXPECT_EQ(found->parts[1].rows, 30 + 400 + kEnd);
+  EXPECT_EQ(found->parts[0].first, begins[2] - kEnd - 1);
+  EXPECT_EQ(found->parts[0].rows, kEnd + 1 + 500 + 200 + 1000 + 30) << "the shortest pause";
+  EXPECT_EQ(found->parts[1].first, begins[2] + 500 + 200 + 1000 + 45 - 30 - 1);
+  EXPECT_EQ(found->parts[1].rows, 30 + 1 + 400 + kEnd);
 }
 
 TEST(RepeatingMotion, AWarmUpBeforeAndAMoveThatIsNotOverDoNotCount) {
@@ -384,7 +383,7 @@ TEST(RepeatingMotion, AHundredMovesInARow) {
   ASSERT_TRUE(found);
   EXPECT_EQ(found->begins, begins);
   ASSERT_EQ(found->parts.size(), 1U);
-  EXPECT_EQ(found->parts[0].rows, 99 * 120 + 200 + 2 * kEnd);
+  EXPECT_EQ(found->parts[0].rows, 99 * 120 + 200 + 2 * kEnd + 1);
 }
 
 }  // namespace
