@@ -608,22 +608,27 @@ TEST_F(RecognisingWorkerTest, AProgramThatIsKnownIsNotOfferedAndOneThatBecomesKn
 
 TEST_F(RecognisingWorkerTest, CommandsWithAnOffsetAreNoProgram) {
   for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  // `busy`: the worker has learned another program meanwhile, and hears all runs at once.
   for (const bool live : {false, true}) {
-    SCOPED_TRACE(live);
-    start();
-    send({0.5 * circle_program()[0]}, true, "other");
-    for (int i = 0; i < 3; ++i) {
-      run_circle(1);
-      OffsetRun run;
-      run.learned = worker_->kept()[0]->number;
-      run.live = live;
-      hand_over_.runs.push(run);
+    for (const bool busy : {false, true}) {
+      SCOPED_TRACE(std::string(live ? "live" : "dry run") + (busy ? ", busy" : ""));
+      start();
+      send({0.5 * circle_program()[0]}, true, "other");
+      for (int i = 0; i < 4; ++i) {
+        run_circle(1);
+        if (!busy) look();
+        OffsetRun run;
+        run.learned = worker_->kept()[0]->number;
+        run.live = live;
+        hand_over_.runs.push(run);
+        if (!busy) worker_->judge_runs();
+      }
       worker_->judge_runs();
       look();
+      EXPECT_EQ(inbox().list().repeats().has_value(), !live);
+      machine_.time.clear();
+      for (AxisRecord& axis : machine_.axes) axis.command.clear();
     }
-    EXPECT_EQ(inbox().list().repeats().has_value(), !live);
-    machine_.time.clear();
-    for (AxisRecord& axis : machine_.axes) axis.command.clear();
   }
 }
 
