@@ -288,8 +288,7 @@ void read_ilc(Section section, const std::vector<AxisConfig>& axes,
                   : recognise == "learn" ? IlcConfig::Recognise::kLearn
                                          : IlcConfig::Recognise::kOffer;
   if (recognise == "learn" && ilc.programs.empty())
-    section.report("recognise",
-                   "= \"learn\" puts programs into a folder: give ilc.programs as well");
+    section.report("recognise", "puts programs into a folder; give ilc.programs as well");
   section.integer("trials", 1, 100, ilc.trials);
   section.flag("live", ilc.live);
   section.number("ramp_s", 1e-3, 10.0, "s", ilc.ramp_s);
