@@ -1,8 +1,9 @@
-// The force at the end of a step, where motion and force depend on each other (docs/theory.md 2.3).
-// Any thread; allocates nothing, throws nothing.
+// The force at the end of a step, or the forces on two masses, where motion and force depend on
+// each other (docs/theory.md 2.3). Any thread; allocates nothing, throws nothing.
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace servotwin {
@@ -48,6 +49,44 @@ double balanced(double first, double& slope, const Miss& miss_at) noexcept {
     right = next, miss_right = miss_next;
   }
   return right;
+}
+
+using ForcePair = std::array<double, 2>;
+/// By row what one force changes with the misses of both: the inverse of their slopes.
+using PairBySlopes = std::array<ForcePair, 2>;
+inline constexpr PairBySlopes kApart{{{1.0, 0.0}, {0.0, 1.0}}};
+
+/// Seeks two forces at which both misses are within `tolerance`, from `forces` by Broyden's method
+/// (C. G. Broyden, Mathematics of Computation 19 (1965) 577); false where that does not settle in a
+/// few trials. `inverse`: as it was last, and as it is now. The last pair tried is the answer.
+template <class Miss>
+bool balanced(ForcePair forces, PairBySlopes& inverse, double tolerance,
+              const Miss& miss_at) noexcept {
+  constexpr int kTrials = 12;
+  constexpr double kMinAlong = 1e-9;  // of the step's square: below, the slopes are singular
+  auto& [by_first, by_second] = inverse;
+  const auto along = [&](const ForcePair& misses) {
+    return ForcePair{by_first[0] * misses[0] + by_first[1] * misses[1],
+                     by_second[0] * misses[0] + by_second[1] * misses[1]};
+  };
+  ForcePair miss = miss_at(forces);
+  for (int trial = 0; trial < kTrials; ++trial) {
+    if (std::max(std::abs(miss[0]), std::abs(miss[1])) <= tolerance) return true;
+    const ForcePair back = along(miss), step{-back[0], -back[1]};
+    forces = {forces[0] + step[0], forces[1] + step[1]};
+    const ForcePair next = miss_at(forces);
+    const ForcePair expected = along({next[0] - miss[0], next[1] - miss[1]});
+    const double product = step[0] * expected[0] + step[1] * expected[1];
+    if (!(std::abs(product) > kMinAlong * (step[0] * step[0] + step[1] * step[1]))) return false;
+    const ForcePair row{step[0] * by_first[0] + step[1] * by_second[0],
+                        step[0] * by_first[1] + step[1] * by_second[1]};
+    for (std::size_t i = 0; i < 2; ++i) {
+      by_first[i] += (step[0] - expected[0]) / product * row[i];
+      by_second[i] += (step[1] - expected[1]) / product * row[i];
+    }
+    miss = next;
+  }
+  return false;
 }
 
 }  // namespace servotwin

@@ -22,6 +22,7 @@
 #include <span>
 #include <type_traits>
 
+#include "twin/force_balance.h"
 #include "twin/hold.h"
 #include "twin/model.h"
 #include "twin/sample.h"
@@ -205,6 +206,7 @@ class TwinOf {
   S load_force_ = 0.0, load_force_change_ = 0.0;
   S contact_ = 0.0;
   double load_slope_ = 1.0, contact_slope_ = 1.0;
+  PairBySlopes together_ = kApart;
   S motor_position_ = 0.0, load_position_ = 0.0, acceleration_ = 0.0;
   std::array<double, kHistory> history_{};
   std::uint32_t newest_ = 0;

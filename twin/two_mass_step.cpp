@@ -10,9 +10,9 @@ namespace servotwin {
 
 namespace {
 
-/// Forces on motor and load are solved in turns, until a turn changes them by less [m/s^2 |
-/// rad/s^2], or for so many turns: with a stiff spring and friction on both not every step gets
-/// there; what is missing then is far below the friction.
+/// Where forces on motor and load are not found together they are solved in turns, until a turn
+/// changes them by less [m/s^2 | rad/s^2], or for so many turns: with a stiff spring and friction
+/// on both not every step gets there; what is missing then is far below the friction.
 constexpr double kSmallestTurn = 1e-11;
 /// A step that ends on the edge of a gap misses its contact's force by more than this share of what
 /// the spring has over the gap, and the edge by less than this share of the gap.
@@ -86,15 +86,34 @@ void TwinOf<S>::balance_two_masses(const typename TwoMassAxisOf<S>::State& free,
     };
     const auto end = bodies_.begin() + effect_count_;
     const bool motor_feels = std::find(bodies_.begin(), end, Body::kMotor) != end;
+    const auto balance_contact = [&] {
+      if (!plays) return;
+      contact_ = balanced(contact_, contact_slope_, [&](double trial) {
+        contact_ = trial;
+        return trial -
+               axis_.missing_contact(axis_.with(free, {force_ - trial, load_force_ + trial}));
+      });
+    };
+    if (plays || motor_feels) {
+      const std::array before{force_, load_force_, contact_};
+      const bool found =
+          balanced(ForcePair{force_, load_force_}, together_, kSmallestTurn,
+                   [&](const ForcePair& trial) -> ForcePair {
+                     force_ = trial[0], load_force_ = trial[1];
+                     balance_contact();
+                     const typename TwoMassAxisOf<S>::Ends now = ends();
+                     set(now, Body::kMotor, motor);
+                     set(now, Body::kLoad, load);
+                     return {force_ - disturbance(motor, tried(Body::kMotor), Body::kMotor),
+                             load_force_ - disturbance(load, tried(Body::kLoad), Body::kLoad)};
+                   });
+      if (found) return;
+      together_ = kApart;
+      force_ = before[0], load_force_ = before[1], contact_ = before[2];
+    }
     for (int turn = 0; turn < kMostTurns; ++turn) {
       const double motor_before = force_, contact_before = contact_;
-      if (plays) {
-        contact_ = balanced(contact_, contact_slope_, [&](double trial) {
-          contact_ = trial;
-          return trial -
-                 axis_.missing_contact(axis_.with(free, {force_ - trial, load_force_ + trial}));
-        });
-      }
+      balance_contact();
       load_force_ = balanced(load_force_, load_slope_, miss_of(Body::kLoad, load, load_force_));
       force_ = balanced(force_, slope_, miss_of(Body::kMotor, motor, force_));
       if (!plays && !motor_feels) break;
@@ -110,6 +129,7 @@ void TwinOf<S>::start_two_masses(const S& command) noexcept {
   force_ = load_force_ = contact_ = 0.0;
   load_force_change_ = 0.0;
   load_slope_ = contact_slope_ = 1.0;
+  together_ = kApart;
   CommandPieceOf<S> still;
   still.end_position = command;
   MotionOf<S> rest;
