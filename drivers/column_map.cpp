@@ -420,7 +420,8 @@ std::vector<double>& values_of(AxisRecord& axis, Channel channel) {
 }
 
 Layout lay_out(const std::string& source, std::span<const std::string> names,
-               const ReadOptions& options, std::optional<double> rate_hz) {
+               const ReadOptions& options, std::optional<double> rate_hz,
+               std::span<const std::string> unclear_rates) {
   Layout layout;
   const bool mapped = !options.columns.empty();
   std::vector<bool> used(names.size());
@@ -458,9 +459,13 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
                              "The file has: " + listed(named(names)));
   }
   if (!layout.time && !options.rate_hz && !rate_hz) {
+    std::string unclear;
+    for (const std::string& line : unclear_rates) unclear += (unclear.empty() ? "" : "; ") + line;
     throw std::runtime_error(
         source + ": no time column: give one as time[s], name it with " +
-        "time=NAME[s] in --columns, or give --rate HZ. The file has: " + listed(named(names)));
+        "time=NAME[s] in --columns, or give --rate HZ" +
+        (unclear.empty() ? "" : " (the rate is not clear from " + unclear + ")") +
+        ". The file has: " + listed(named(names)));
   }
   if (layout.time && options.rate_hz) {
     throw std::runtime_error(source +

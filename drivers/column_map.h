@@ -37,9 +37,11 @@ struct Layout {
 };
 
 /// Finds the columns. `source` begins every message. `rate_hz` is what the file itself says; it
-/// counts where there is neither a time column nor ReadOptions::rate_hz.
+/// counts where there is neither a time column nor ReadOptions::rate_hz. `unclear_rates`: where the
+/// file may say it, for the message.
 [[nodiscard]] Layout lay_out(const std::string& source, std::span<const std::string> names,
-                             const ReadOptions& options, std::optional<double> rate_hz = {});
+                             const ReadOptions& options, std::optional<double> rate_hz = {},
+                             std::span<const std::string> unclear_rates = {});
 
 /// Throws std::invalid_argument if the rate or the range of time in `options` is invalid.
 void check(const ReadOptions& options);

@@ -278,9 +278,9 @@ class Columns {
   void note_missing() {
     for (std::size_t i = 0; i < values_.size(); ++i) {
       if (missing_[i] == 0) continue;
-      recording_.notes.push_back(names_[i] + ": " + std::to_string(missing_[i]) + " of " +
-                                 std::to_string(recording_.time.size()) +
-                                 " values are empty, NaN or infinite, the first in line " +
+      recording_.notes.push_back(names_[i] + ": empty, NaN or infinite in " +
+                                 std::to_string(missing_[i]) + " of " +
+                                 counted(recording_.time.size(), "row") + ", the first in line " +
                                  std::to_string(first_missing_[i]));
     }
   }
@@ -296,7 +296,7 @@ class Columns {
 /// The columns to read, with the times that they have in this file.
 Layout layout_of(const std::string& source, const CsvHeader& header, const ReadOptions& options) {
   if (header.time_of.empty()) {
-    Layout layout = lay_out(source, header.names, options, header.rate_hz);
+    Layout layout = lay_out(source, header.names, options, header.rate_hz, header.unclear_rates);
     if (!layout.time && !options.rate_hz && !header.rate_note.empty())
       layout.notes.push_back(header.rate_note);
     return layout;
@@ -400,7 +400,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
                                   ", the last one, is cut off and was dropped");
         break;
       }
-      lines.fail(std::to_string(fields) + " fields where the header has " +
+      lines.fail(counted(fields, "field") + " where the header has " +
                  std::to_string(header.names.size()));
     }
     if (at_the_end < cells.size()) {
@@ -453,8 +453,8 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
 
   if (recording.time.empty()) throw_no_rows(source, time - first_time, options);
   if (outside > 0) {
-    recording.notes.push_back(std::to_string(outside) + " of " + std::to_string(rows) +
-                              " rows are outside --from and --to");
+    recording.notes.push_back("outside --from and --to: " + std::to_string(outside) + " of " +
+                              counted(rows, "row"));
   }
   columns.note_missing();
   for (std::size_t i = 0; i < readers.size(); ++i) {

@@ -96,8 +96,8 @@ CsvHeader header_below(TextLines& lines, Preamble preamble) {
   const std::vector<std::string>& units = preamble.units;
   const std::size_t skipped = preamble.rows_line - (units.empty() ? 2 : 3);
   header.notes.push_back("the names of the columns are in line " +
-                         std::to_string(preamble.names_line) + "; " + std::to_string(skipped) +
-                         " other lines above the rows were skipped");
+                         std::to_string(preamble.names_line) + "; " +
+                         counted(skipped, "other line") + " above the rows skipped");
   if (!units.empty() && !have_units(header.names)) {
     header.remarks.resize(header.names.size());
     for (std::size_t i = 0; i < units.size(); ++i) {
@@ -109,7 +109,9 @@ CsvHeader header_below(TextLines& lines, Preamble preamble) {
   header.rate_hz = preamble.rate_hz;
   if (header.rate_hz)
     header.rate_note =
-        number(*header.rate_hz) + " Hz, the sampling rate, is taken from " + preamble.rate_line;
+        number(*header.rate_hz) + " Hz, the sampling rate, is taken from " + preamble.rate_lines[0];
+  else
+    header.unclear_rates = std::move(preamble.rate_lines);
   std::string_view line;
   while (lines.number() + 1 < preamble.rows_line && lines.next(line)) {
   }
@@ -242,8 +244,12 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source,
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
   const bool values =
       is_row(header.names) && (header.separator == ' ' || !are_counted(header.names));
-  const bool none = header.names.size() < 2 || (header.separator == ' ' && !values &&
-                                                !is_row_next(lines, header.names.size()));
+  // One name is enough if it is sure to be one.
+  const bool sure = halscope_hz || have_units(header.names);
+  if (header.names.size() == 1 && sure) header.separator = ';';
+  const bool none =
+      (header.names.size() < 2 && !sure) ||
+      (header.separator == ' ' && !values && !is_row_next(lines, header.names.size()));
   if (auto preamble =
           find_preamble(source, lines.number(), none ? 0 : header.names.size(), header.separator))
     return header_below(lines, *std::move(preamble));

@@ -20,11 +20,12 @@
 namespace servotwin {
 
 struct CsvHeader {
-  char separator = ',';            ///< ' ': any number of blanks and tabs
-  std::vector<std::string> names;  ///< with "[unit]" where the file has one
-  std::vector<std::string> notes;  ///< what was assumed, for people
-  std::optional<double> rate_hz;   ///< rows per second, where the file says it
-  std::string rate_note;           ///< where it says it; empty: a note says it already
+  char separator = ',';                    ///< ' ': any number of blanks and tabs
+  std::vector<std::string> names;          ///< with "[unit]" where the file has one
+  std::vector<std::string> notes;          ///< what was assumed, for people
+  std::optional<double> rate_hz;           ///< rows per second, where the file says it
+  std::string rate_note;                   ///< where it says it; empty: a note says it already
+  std::vector<std::string> unclear_rates;  ///< lines about the sampling that do not give rate_hz
   // Of controllers' traces (drivers/traces):
   std::vector<std::size_t> time_of;  ///< of every column the column of its times [ms]; empty: one
                                      ///< time for all

@@ -82,6 +82,42 @@ std::size_t first_row(const std::vector<PreambleLine>& lines, bool ends) {
   return lines.size();
 }
 
+struct FoundRows {
+  std::size_t row = 0;  ///< the place of the first
+  char separator = ',';
+};
+
+/// Whether this cell can be in a column of numbers.
+bool is_value(const std::string& cell) {
+  return cell.empty() || is_signed_row({cell}) || is_missing_word(cell);
+}
+
+/// The first row where each row has a word, such as a mode. Settings look the same, so these rows
+/// have to go on to the end of what was read. In a column of numbers each of them has one.
+std::optional<FoundRows> first_row_with_words(std::vector<PreambleLine> lines, bool ends) {
+  if (!lines.empty() && !lines.back().complete) lines.pop_back();
+  for (const char separator : {';', '\t', ','}) {
+    std::vector<std::size_t> numbers;  // the columns
+    std::size_t fields = 0, row = lines.size();
+    while (row > 0) {
+      const std::vector<std::string> cells = fields_of(lines[row - 1].text, separator);
+      if (row == lines.size()) {
+        fields = cells.size();
+        for (std::size_t i = 0; i < fields; ++i) {
+          if (is_signed_row({cells[i]})) numbers.push_back(i);
+        }
+      }
+      const auto has_value = [&](std::size_t i) { return is_value(cells[i]); };
+      if (cells.size() != fields || !std::all_of(numbers.begin(), numbers.end(), has_value)) break;
+      --row;
+    }
+    const std::size_t rows = lines.size() - row;
+    if (fields > 1 && !numbers.empty() && (rows >= kFewestRows || (rows > 0 && ends)))
+      return FoundRows{row, separator};
+  }
+  return std::nullopt;
+}
+
 /// Whether the lines below a first line of so many names could be its rows.
 bool could_be_rows(const std::vector<PreambleLine>& lines, std::size_t end, std::size_t columns,
                    char separator) {
@@ -183,9 +219,13 @@ std::optional<double> take_number(std::string_view& text, char separator) {
   return value;
 }
 
-}  // namespace
+/// A line that names the interval or the rate of sampling.
+struct SamplingCells {
+  bool is_rate = false;
+  std::string value, unit;  ///< the unit of the name or of the third cell, or none
+};
 
-std::optional<double> sampling_rate_in(std::string_view line, char separator) {
+std::optional<SamplingCells> sampling_cells(std::string_view line, char separator) {
   std::vector<std::string> cells{std::string(trimmed(line))};
   if (separator != ' ' && line.find(separator) != std::string_view::npos)
     cells = split_fields(line, separator);
@@ -197,26 +237,61 @@ std::optional<double> sampling_rate_in(std::string_view line, char separator) {
   }
   if (cells.size() < 2) return std::nullopt;
 
+  SamplingCells out{false, cells[1], {}};
   std::string_view name = trimmed(cells[0]);
   name = trimmed(name.substr(0, name.find_last_not_of(" :=") + 1));
-  std::string_view unit;
   if (const std::size_t open = name.find_last_of("[(");
       open != std::string_view::npos && (name.back() == ']' || name.back() == ')')) {
-    unit = trimmed(name.substr(open + 1, name.size() - open - 2));
+    out.unit = trimmed(name.substr(open + 1, name.size() - open - 2));
     name = name.substr(0, open);
   }
   const auto is_name = [letters = small_letters(name)](std::string_view known) {
     return known == letters;
   };
-  const bool is_rate = std::any_of(kRates.begin(), kRates.end(), is_name);
-  if (!is_rate && std::none_of(kIntervals.begin(), kIntervals.end(), is_name)) return std::nullopt;
+  out.is_rate = std::any_of(kRates.begin(), kRates.end(), is_name);
+  if (!out.is_rate && std::none_of(kIntervals.begin(), kIntervals.end(), is_name))
+    return std::nullopt;
+  // Some recorders write name and value for each channel.
+  if (out.unit.empty() && cells.size() > 2 && !is_value(cells[2]) && cells[2] != cells[0])
+    out.unit = cells[2];
+  return out;
+}
 
-  std::string_view rest = cells[1];
+/// What the settings above the rows say about the sampling.
+void find_rate(const std::vector<PreambleLine>& lines, std::size_t row, Preamble& preamble) {
+  std::vector<double> rates_hz;
+  std::vector<std::string> clear, unclear;
+  for (std::size_t i = 0; i < row; ++i) {
+    if (lines[i].number == preamble.names_line || lines[i].number == preamble.units_line) continue;
+    const bool divided = lines[i].text.find(preamble.separator) != std::string::npos;
+    const char separator = divided ? preamble.separator : lines[i].separator;
+    if (!sampling_cells(lines[i].text, separator)) continue;
+    const auto rate_hz = sampling_rate_in(lines[i].text, separator);
+    (rate_hz ? clear : unclear)
+        .push_back("line " + std::to_string(lines[i].number) + ", " + in_quotes(lines[i].text));
+    if (rate_hz) rates_hz.push_back(*rate_hz);
+  }
+  if (rates_hz.empty()) {
+    preamble.rate_lines = std::move(unclear);
+    return;
+  }
+  constexpr double kRounded = 1e-3;  // 0.333 ms and 3 kHz are the same
+  const auto [least, most] = std::minmax_element(rates_hz.begin(), rates_hz.end());
+  if (*most - *least <= kRounded * *most) preamble.rate_hz = rates_hz.front();
+  if (preamble.rate_hz) clear.resize(1);
+  preamble.rate_lines = std::move(clear);
+}
+
+}  // namespace
+
+std::optional<double> sampling_rate_in(std::string_view line, char separator) {
+  const std::optional<SamplingCells> found = sampling_cells(line, separator);
+  if (!found) return std::nullopt;
+  std::string_view rest = found->value, unit = found->unit;
   const std::optional<double> value = take_number(rest, separator);
   if (!value) return std::nullopt;
   if (!trimmed(rest).empty()) unit = trimmed(rest);
-  if (unit.empty() && cells.size() > 2 && sampling_unit(cells[2])) unit = cells[2];
-  const auto known = unit.empty() ? SamplingUnit{1.0, is_rate} : sampling_unit(unit);
+  const auto known = unit.empty() ? SamplingUnit{1.0, found->is_rate} : sampling_unit(unit);
   if (!known) return std::nullopt;
   const double si = *value * known->si, rate_hz = known->is_rate ? si : 1.0 / si;
   constexpr double kMost_hz = 1e9;
@@ -228,12 +303,18 @@ std::optional<Preamble> find_preamble(const std::string& file, std::size_t first
                                       std::size_t columns, char separator) {
   bool ends = false;
   const std::vector<PreambleLine> lines = beginning_of(file, first_line, ends);
-  const std::size_t row = first_row(lines, ends);
+  FoundRows rows{first_row(lines, ends)};
+  if (rows.row < lines.size()) {
+    rows.separator = lines[rows.row].separator;
+  } else if (const auto with_words = first_row_with_words(lines, ends)) {
+    rows = *with_words;
+  }
+  const std::size_t row = rows.row;
   if (row == lines.size() || row < 2) return std::nullopt;
   if (columns > 0 && could_be_rows(lines, row, columns, separator)) return std::nullopt;
 
   Preamble out;
-  out.separator = lines[row].separator;
+  out.separator = rows.separator;
   out.rows_line = lines[row].number;
   const std::vector<std::string> cells = fields_of(lines[row].text, out.separator);
   for (std::size_t i = row; i-- > 0 && out.names.empty();) {
@@ -249,13 +330,7 @@ std::optional<Preamble> find_preamble(const std::string& file, std::size_t first
     out.names_line = out.units_line;
   }
   if (out.names.empty() || out.names_line == first_line) return std::nullopt;
-  for (std::size_t i = 0; i < row && !out.rate_hz; ++i) {
-    if (lines[i].number == out.names_line || lines[i].number == out.units_line) continue;
-    const bool divided = lines[i].text.find(out.separator) != std::string::npos;
-    out.rate_hz = sampling_rate_in(lines[i].text, divided ? out.separator : lines[i].separator);
-    if (out.rate_hz)
-      out.rate_line = "line " + std::to_string(lines[i].number) + ", " + in_quotes(lines[i].text);
-  }
+  find_rate(lines, row, out);
   return out;
 }
 

@@ -5,7 +5,8 @@
 //                                    empty lines
 //   Time;Command;Actual              the last line of names above the rows
 //   s;mm;mm                          the units of the columns, perhaps
-//   0,000;1,25;1,24                  the first of several rows of numbers with as many fields
+//   0,000;1,25;1,24                  the first of several rows of numbers with as many fields; if
+//                                    every row has words, of rows that go on to the end
 // Any thread; errors: std::runtime_error if the file cannot be read.
 #pragma once
 
@@ -23,8 +24,9 @@ struct Preamble {
   std::vector<std::string> names;
   std::vector<std::string> units;  ///< empty: there is no row of units
   std::size_t units_line = 0;
-  std::optional<double> rate_hz;
-  std::string rate_line;  ///< "line 2, 'Sampling interval;0,001;s'"
+  std::optional<double> rate_hz;  ///< absent: not said, not clear, or lines contradict each other
+  /// "line 2, 'Sampling interval;0,001;s'": the line that gives rate_hz, else those that do not.
+  std::vector<std::string> rate_lines;
 };
 
 /// The header below other lines; nothing if it is the first line, or none is found. The first line

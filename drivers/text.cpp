@@ -64,6 +64,10 @@ std::string listed(std::span<const std::string> names) {
   return list;
 }
 
+std::string counted(std::size_t count, std::string_view one) {
+  return std::to_string(count) + " " + std::string(one) + (count == 1 ? "" : "s");
+}
+
 std::string number(double value) {
   char digits[32];
   const auto end =

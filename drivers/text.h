@@ -2,6 +2,7 @@
 // Any thread; errors: none.
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <string_view>
@@ -27,6 +28,9 @@ inline constexpr std::string_view kBlanks = " \t\r";
 
 /// For a message: "a, b, c".
 [[nodiscard]] std::string listed(std::span<const std::string> names);
+
+/// For a message: "1 line", "2 lines".
+[[nodiscard]] std::string counted(std::size_t count, std::string_view one);
 
 /// For a message: six significant digits.
 [[nodiscard]] std::string number(double value);

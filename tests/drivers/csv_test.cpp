@@ -132,11 +132,11 @@ TEST_F(Csv, MissingValuesAreNanAndCounted) {
   EXPECT_TRUE(std::isnan(x.command[1]) && std::isnan(x.command[2]) && std::isnan(x.command[3]));
   EXPECT_TRUE(std::isnan(x.actual[2]) && std::isnan(x.actual[3]));
   EXPECT_EQ(x.actual[4], 0.0);
-  EXPECT_NE(
-      notes(r).find("X.command: 3 of 5 values are empty, NaN or infinite, the first in line 3"),
-      std::string::npos)
+  EXPECT_NE(notes(r).find("X.command: empty, NaN or infinite in 3 of 5 rows, the first in line 3"),
+            std::string::npos)
       << notes(r);
-  EXPECT_NE(notes(r).find("X.actual: 2 of 5"), std::string::npos) << notes(r);
+  EXPECT_NE(notes(r).find("X.actual: empty, NaN or infinite in 2 of 5"), std::string::npos)
+      << notes(r);
 }
 
 TEST_F(Csv, ALastLineThatIsCutOffIsDroppedAndNamed) {
@@ -181,7 +181,7 @@ TEST_F(Csv, ReadsThePartThatIsAskedFor) {
   const Recording r = read("time[s],X.command[m]\n10,1\n10.5,2\n10.75,3\n11,4\n11.5,5\n", options);
   EXPECT_EQ(r.time, (std::vector<double>{10.5, 10.75, 11}));
   EXPECT_EQ(r.axes.at(0).command, (std::vector<double>{2, 3, 4}));
-  EXPECT_NE(notes(r).find("2 of 5 rows are outside"), std::string::npos) << notes(r);
+  EXPECT_NE(notes(r).find("outside --from and --to: 2 of 5 rows"), std::string::npos) << notes(r);
 }
 
 // The text is read in blocks that end within a line; no line may be damaged by that.

@@ -82,7 +82,8 @@ TEST_F(ForeignTable, AbsentValuesAsSpreadsheetsSayThem) {
       read("time[s],X.command[mm],X.actual[mm]\n0,1,N/A\n1,2,-\n2,3,#N/A\n3,4,null\n4,5,7\n");
   for (int k = 0; k < 4; ++k) EXPECT_TRUE(std::isnan(r.axes[0].actual[static_cast<size_t>(k)]));
   EXPECT_EQ(r.axes[0].actual[4], 0.007);
-  EXPECT_NE(notes(r).find("X.actual: 4 of 5 values are empty"), std::string::npos) << notes(r);
+  EXPECT_NE(notes(r).find("X.actual: empty, NaN or infinite in 4 of 5 rows"), std::string::npos)
+      << notes(r);
 }
 
 TEST_F(ForeignTable, TimesAsDatesAndAsTimesOfDay) {

@@ -36,7 +36,7 @@ TEST_F(PreambleTable, TheHeaderIsTheLastLineOfNamesAboveTheRows) {
   EXPECT_EQ(r.time, (vector<double>{0.0, 0.001, 0.002})) << "its own times come first";
   EXPECT_EQ(r.axes[0].command, (vector<double>{0.00125, 0.0015, 0.00175}));
   EXPECT_EQ(r.axes[0].actual, (vector<double>{0.00124, 0.00149, 0.00174}));
-  EXPECT_NE(notes(r).find("names of the columns are in line 5; 4 other lines above the rows were "
+  EXPECT_NE(notes(r).find("names of the columns are in line 5; 4 other lines above the rows "
                           "skipped\nline 6 is read as the units"),
             std::string::npos)
       << notes(r);
@@ -89,6 +89,34 @@ TEST(SamplingLine, GivesTheRateInEnglishAndGerman) {
   }
 }
 
+TEST_F(PreambleTable, LinesThatDoNotTellTheRateAreNamed) {
+  const char* rows = "Soll;Ist\nmm;mm\n1;2\n3;4\n5;6\n";
+  const auto with = [&](const char* settings) { return std::string("Rec;1\n") + settings + rows; };
+  const ReadOptions options = mapped(kColumns);
+  // A thousand or one; a unit that is none; two that differ.
+  refuses(with("Abtastrate;1.000;Hz\nInterval;2;pts\n"),
+          {"--rate HZ", "line 2, 'Abtastrate;1.000;Hz'; line 3, 'Interval;2;pts'"}, options);
+  refuses(with("Abtastrate;1000;Hz\nInterval;2;ms\n"),
+          {"line 2, 'Abtastrate;1000;Hz'; line 3, 'Interval;2;ms'"}, options);
+  EXPECT_EQ(read(with("Abtastrate;1.000;Hz\nInterval;2;ms\n"), options).time[1], 0.002);
+  EXPECT_EQ(read(with("Abtastrate;3000;Hz\nInterval;0,3333;ms\n"), options).time[1], 1.0 / 3000);
+}
+
+TEST_F(PreambleTable, RowsMayHaveWords) {
+  const char* rows = "0,0;1,25;1240;Auto\n1,0;1,5;1490;Auto\n2,0;-;1740;Hand\n";
+  for (const char* settings : {"DL850\nAbtastrate;1000;Hz\n", "Rec;DL850;;\nMode;3;V;\n"}) {
+    const Recording r =
+        read(std::string(settings) + "Zeit;Soll;Ist;Art\nms;mm;um;\n" + rows, mapped(kColumns));
+    EXPECT_EQ(r.time, (vector<double>{0.0, 0.001, 0.002}));
+    EXPECT_EQ(r.axes[0].actual, (vector<double>{0.00124, 0.00149, 0.00174}));
+    EXPECT_NE(notes(r).find("names of the columns are in line 3"), std::string::npos) << notes(r);
+  }
+  const Recording one =
+      read("Recorder 4\ntime[s],X.command[mm],Mode\n0,1,Auto\n1,2,Auto\n2,3,Auto\n");
+  EXPECT_EQ(one.axes[0].command, (vector<double>{0.001, 0.002, 0.003}));
+  EXPECT_NE(notes(one).find("1 other line above"), std::string::npos) << notes(one);
+}
+
 TEST_F(PreambleTable, MayHaveAsManyFieldsAsTheHeader) {
   const Recording cells =
       read("Start,2020-03-16 17:04:51\nInterval,0.01\nSoll,Ist\nmm,mm\n1,2\n3,4\n5,6\n",
@@ -126,7 +154,7 @@ TEST_F(PreambleTable, IsNotLookedForBelowAHeader) {
   EXPECT_EQ(unknown.axes[0].command.size(), 4U);
   // A line that is damaged.
   refuses("time[s],X.command[mm]\n0,1\nend\n2,3\n3,4\n4,5\n",
-          {"line 3", "1 fields where the header has 2"});
+          {"line 3", "1 field where the header has 2"});
   refuses("time[s],X.command[mm],Mode\n0,1,Auto\n1,Auto,Auto\n2,3,1\n3,4,1\n4,5,1\n",
           {"line 3", "column 'X.command[mm]'", "'Auto' is not a number"});
 }
