@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 
+#include <algorithm>
 #include <cstring>
 #include <new>
 #include <stdexcept>
@@ -33,42 +34,70 @@ bool is_utf16(std::string_view start) {
   return start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
 }
 
+/// The format that the first bytes show; nothing for a table, a text trace and what is unknown.
+std::optional<RecordingFormat> shown_format(std::string_view start) {
+  if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file"))
+    return RecordingFormat::kMatlab;
+  if (const auto form = can_log_form(start)) {
+    return *form == CanLogForm::kVectorAsc ? RecordingFormat::kVectorAsc
+           : *form == CanLogForm::kPeakTrc ? RecordingFormat::kPeakTrc
+                                           : RecordingFormat::kCandump;
+  }
+  if (is_mcap(start)) return RecordingFormat::kMcap;
+  if (is_sinumerik_trace(start)) return RecordingFormat::kSinumerikTrace;
+  if (is_sinumerik_capture(start)) return RecordingFormat::kSinumerikCapture;
+  return std::nullopt;
+}
+
+bool is_binary(std::string_view start) {
+  return !is_utf16(start) && start.find('\0') != std::string::npos;
+}
+
+/// What a file looks like; continues a message.
+std::string look_of(std::string_view start) {
+  if (const auto shown = shown_format(start))
+    return in_quotes(form_of(*shown).name) + ", --format " + form_of(*shown).id;
+  if (const ForeignFormat* foreign = foreign_format(start))
+    return std::string("a ") + foreign->name + ", which is not read; " + foreign->advice;
+  if (is_binary(start)) return "a binary file of another kind";
+  return "text that begins with " + in_quotes(start.substr(0, start.find_first_of("\r\n")));
+}
+
+/// Throws if a file is not of the named format, where its first bytes must show it.
+void require_named(RecordingFormat named, std::string_view start, const std::string& source) {
+  if (shown_format(start) == named) return;
+  const std::size_t first = std::min(start.find_first_not_of(" \t\r\n\xef\xbb\xbf"), start.size());
+  const auto begins = [&](char c) {
+    return is_utf16(start) || start.substr(first, 1) == std::string(1, c);
+  };
+  using enum RecordingFormat;
+  if (named == kMatlab || named == kMcap || (named == kSinumerikCapture && !begins('{')) ||
+      (named == kSinumerikTrace && !begins('<')) || is_binary(start))
+    throw std::runtime_error(source + ": --format " + form_of(named).id +
+                             ": this is no such file; it looks like " + look_of(start));
+}
+
 /// The format by the first bytes; of a table or a text trace, which its first lines tell, kTable.
 RecordingFormat format_by(std::string_view start, const std::filesystem::path& file) {
   const auto refuse = [&](const std::string& why) {
     throw std::runtime_error(file.string() + ": " + why);
   };
-  if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file"))
-    return RecordingFormat::kMatlab;
+  const std::optional<RecordingFormat> shown = shown_format(start);
+  if (shown == RecordingFormat::kMatlab) return *shown;
   if (const ForeignFormat* foreign = foreign_format(start))
     refuse(std::string("is a ") + foreign->name + ", which is not read; " + foreign->advice);
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
-  if (can_log_form(start)) return RecordingFormat::kCandump;
-  if (file.extension() == ".log" && !is_utf16(start) && !is_table(start)) {
+  if (!shown && file.extension() == ".log" && !is_utf16(start) && !is_table(start)) {
     refuse(
         "is named .log, but its first line is not that of a CAN log, such as (12.345678) can0 "
         "181#00");
   }
-  if (is_mcap(start)) return RecordingFormat::kMcap;
-  if (is_sinumerik_trace(start)) return RecordingFormat::kSinumerikTrace;
-  if (is_sinumerik_capture(start)) return RecordingFormat::kSinumerikCapture;
-  return RecordingFormat::kTable;
+  return shown.value_or(RecordingFormat::kTable);
 }
 
-Recording read_by_format(const std::filesystem::path& file, const ReadOptions& options) {
-  const auto refuse = [&](const std::string& why) {
-    throw std::runtime_error(file.string() + ": " + why);
-  };
-  std::error_code error;
-  const auto status = std::filesystem::status(file, error);
-  if (!std::filesystem::exists(status)) refuse("there is no such file");
-  if (std::filesystem::is_directory(status)) refuse("is a directory; give one recording in it");
-  if (!std::filesystem::is_regular_file(status)) refuse("is not a regular file");
-
-  const std::string start = first_bytes(file);
-  if (start.empty()) refuse("the file is empty");
-  const RecordingFormat format = options.format ? *options.format : format_by(start, file);
+Recording read_as(RecordingFormat format, std::string_view start, const std::filesystem::path& file,
+                  const ReadOptions& options) {
   using enum RecordingFormat;
   if (format == kMatlab) return read_mat(file, options);
   if (format == kCandump || format == kVectorAsc || format == kPeakTrc)
@@ -78,9 +107,32 @@ Recording read_by_format(const std::filesystem::path& file, const ReadOptions& o
   if (format == kMcap) return read_mcap(file, options);
   if (format == kSinumerikTrace) return read_sinumerik_trace(file, options);
   if (format == kSinumerikCapture) return read_sinumerik_capture(file, options);
-  if (!is_utf16(start) && start.find('\0') != std::string::npos)
-    refuse("is a binary file, and a table is text");
+  if (is_binary(start))
+    throw std::runtime_error(file.string() + ": is a binary file, and a table is text");
   return read_csv(file, options);
+}
+
+Recording read_by_format(const std::filesystem::path& file, const ReadOptions& options) {
+  const auto refuse = [&](const std::string& why) {
+    throw std::runtime_error(file.string() + ": " + why);
+  };
+  std::error_code unknown;
+  const auto status = std::filesystem::status(file, unknown);
+  if (!std::filesystem::exists(status)) refuse("there is no such file");
+  if (std::filesystem::is_directory(status)) refuse("is a directory; give one recording in it");
+  if (!std::filesystem::is_regular_file(status)) refuse("is not a regular file");
+
+  const std::string start = first_bytes(file);
+  if (start.empty()) refuse("the file is empty");
+  if (!options.format) return read_as(format_by(start, file), start, file, options);
+  require_named(*options.format, start, file.string());
+  try {
+    return read_as(*options.format, start, file, options);
+  } catch (const std::runtime_error& error) {
+    const auto shown = shown_format(start);
+    if (!shown || shown == options.format) throw;
+    throw std::runtime_error(std::string(error.what()) + "; the file looks like " + look_of(start));
+  }
 }
 
 }  // namespace

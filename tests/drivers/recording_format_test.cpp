@@ -51,6 +51,18 @@ TEST_F(NamedFormat, AHalscopeFileOfEitherForm) {
   EXPECT_EQ(read("# Sampling period is 500000 ns\na;b\n1.0;2.0\n3.0;4.0\n").time[1], 0.0005);
 }
 
+TEST_F(NamedFormat, ATableMayHaveOneColumn) {
+  const auto halscope = directory_.file("a.csv", "# Sampling period is 500000 ns\na\n1.5\n2.5\n");
+  ReadOptions options;
+  options.columns = "X.command=a[mm]";
+  EXPECT_EQ(read_recording(halscope, options).axes[0].command, (vector<double>{0.0015, 0.0025}));
+  EXPECT_EQ(read_recording(halscope, options).time[1], 0.0005);
+  options = {};
+  options.rate_hz = 10.0;
+  const auto table = directory_.file("b.csv", "X.command[mm]\n1.5\n2.5\n");
+  EXPECT_EQ(read_recording(table, options).axes[0].command, (vector<double>{0.0015, 0.0025}));
+}
+
 TEST_F(NamedFormat, AFileOfAnotherFormatIsRefusedByItsReader) {
   refuses(kRows, "twincat",
           {"line 1", "--format twincat", "'time[s],X.command[mm]'", "TwinCAT Scope CSV",
@@ -58,13 +70,21 @@ TEST_F(NamedFormat, AFileOfAnotherFormatIsRefusedByItsReader) {
   refuses(kRows, "tncscope", {"--format tncscope", "'%TNCscopeNT data file'"});
   refuses(kRows, "halscope", {"--format halscope", "'Sampling period is 1000000 nSec'"});
   refuses("%TNCscopeNT data file\n", "twincat", {"--format twincat", "'%TNCscopeNT data file'"});
-  refuses(kRows, "matlab", {"MATLAB file"});
-  refuses(kRows, "sinumerik-capture", {"SINUMERIK capture cannot be read"});
-  refuses(kRows, "sinumerik-trace", {"SINUMERIK trace"});
+  for (const char* format : {"matlab", "mcap", "sinumerik-capture", "sinumerik-trace"})
+    refuses(kRows, format,
+            {"--format", format, "this is no such file",
+             "looks like text that begins with 'time[s],X.command[mm]'"});
+  refuses("{\"Header\": 1", "sinumerik-capture", {"SINUMERIK capture cannot be read"});
+  refuses("<traceSession", "sinumerik-trace", {"SINUMERIK trace cannot be read"});
+  refuses("(1.0) can0 181#00\n", "matlab", {"no such file", "'candump -l', --format candump"});
+  refuses("PK\x03\x04 a sheet", "mcap", {"no such file", "a spreadsheet", "save the sheet as CSV"});
+  refuses(std::string("MATLAB 5.0 MAT-file\0", 20), "csv",
+          {"--format csv", "no such file", "'MATLAB 5 and 7.3', --format matlab"});
   refuses(kRows, "candump", {":1:", "must be"});
   refuses(kRows, "asc", {"has no frame in the lines of Vector ASC"});
   refuses(kRows, "trc", {":1:"});
-  refuses("(1.0) can0 181#00\n", "csv", {"text, but not CSV"});
+  refuses("(1.0) can0 181#00\n", "csv",
+          {"text, but not CSV", "looks like 'candump -l', --format candump"});
 }
 
 TEST_F(NamedFormat, BothFormsOfCandumpHaveOneName) {
