@@ -65,10 +65,9 @@ void drive_on_can(const CanDriveOptions& options) {
       }
     }
   }
-  say(stdout,
-      text("answered in %zu cycles, %zu frames not sent, %zu values did not fit into their bits",
-           static_cast<std::size_t>(drive.cycles()), static_cast<std::size_t>(not_sent),
-           static_cast<std::size_t>(drive.not_carried())));
+  say(stdout, "answered in " + counted(drive.cycles(), "cycle") + ", " +
+                  counted(not_sent, "frame") + " not sent, " +
+                  counted(drive.not_carried(), "value") + " did not fit into the bits");
 }
 
 }  // namespace servotwin::cli

@@ -57,13 +57,12 @@ void send(CanBus& bus, std::span<const CanFrame> frames, Sent& sent) {
 }
 
 void report(const Sent& sent, double seconds) {
-  say(stdout, text("sent %zu frames in %.2f s, %zu late", static_cast<std::size_t>(sent.frames),
-                   seconds, static_cast<std::size_t>(sent.late)));
+  say(stdout, "sent " + counted(sent.frames, "frame") +
+                  text(" in %.2f s, %zu late", seconds, static_cast<std::size_t>(sent.late)));
   if (sent.refused > 0) {
     throw std::runtime_error(
-        text("the bus refused %zu frames: is it up, does another node acknowledge, and does it "
-             "support CAN FD?",
-             static_cast<std::size_t>(sent.refused)));
+        "the bus refused " + counted(sent.refused, "frame") +
+        ": is it up, does another node acknowledge, and does it support CAN FD?");
   }
 }
 
@@ -111,8 +110,7 @@ void play_log(const CanReplayOptions& options, Buses& buses) {
     send(*buses[bus], {&line.frame, 1}, sent);
   }
   for (const std::string& note : reader.notes()) say(stdout, "note: " + note);
-  if (errors > 0)
-    say(stdout, text("note: %zu error frames not sent", static_cast<std::size_t>(errors)));
+  if (errors > 0) say(stdout, "note: " + counted(errors, "error frame") + " not sent");
   report(sent, 1e-9 * static_cast<double>(daemon::steady_ns() - begin));
 }
 
@@ -228,9 +226,9 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
     sender.send_cycle(frame, sent);
   }
   if (sender.not_carried() > 0) {
-    say(stdout, text("note: %zu values do not fit into their bits, or are missing; the previous "
-                     "values were sent again",
-                     static_cast<std::size_t>(sender.not_carried())));
+    say(stdout, "note: in place of " + counted(sender.not_carried(), "value") +
+                    " that did not fit into the bits, or were missing, the previous ones were "
+                    "sent again");
   }
   report(sent, 1e-9 * static_cast<double>(daemon::steady_ns() - begin));
 }

@@ -73,8 +73,8 @@ std::string left_by_the_model(AxisState state, const ErrorFigures& residual, con
 std::string line_of(const Second& second, const CanMap& map, const CanCounts& now,
                     const CanCounts& before, double seconds) {
   std::string line =
-      text("%.0f s: %zu cycles, %zu incomplete", seconds, static_cast<std::size_t>(second.cycles),
-           static_cast<std::size_t>(now.incomplete - before.incomplete));
+      text("%.0f s: ", seconds) + counted(second.cycles, "cycle") +
+      text(", %zu incomplete", static_cast<std::size_t>(now.incomplete - before.incomplete));
   for (std::size_t i = 0; i < map.machine.axes.size() && second.cycles > 0; ++i) {
     const AxisDescription& axis = map.machine.axes[i];
     const ErrorFigures figures = second.tracking[i].figures();

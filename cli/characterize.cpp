@@ -227,9 +227,10 @@ Characterized on_ramps(const CharacterizeArguments& arguments, const SegmentedAx
   }
   require_resisting(ramps, axis.source);
   if (const double below = stick_slip_below(ramps); below > 0.0) {
-    say(people, text("stick-slip  on %zu ramps, up to %.3g %s/s: their mean torque is not the "
-                     "friction at that speed; stribeck is fitted without them",
-                     jumping, below / kMilli, milli(unit.rotary)));
+    say(people, "stick-slip  on " + counted(jumping, "ramp") +
+                    text(", up to %.3g %s/s: the mean torque there is not the friction at that "
+                         "speed; stribeck is fitted without it",
+                         below / kMilli, milli(unit.rotary)));
   } else {
     say(people, unjudged > 0 ? "            none on the other ramps"
                              : "stick-slip  none: every ramp moves steadily");

@@ -136,7 +136,7 @@ void run(const std::filesystem::path& file) {
   say(stdout, "axes        " + (axes.empty() ? "as the source says" : axes));
   std::string source = text_of(config.dds_in.value_or(config.dds));
   if (config.source == daemon::SourceKind::kReplay)
-    source = text("replay of %zu recordings", config.replay.files.size());
+    source = "replay of " + counted(config.replay.files.size(), "recording");
   if (config.source == daemon::SourceKind::kCan) {
     source = "CAN " + (config.can.interfaces.empty() ? "as named" : listed(config.can.interfaces)) +
              " in " + config.can.map.string();

@@ -7,6 +7,7 @@
 #include "cli/output.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
+#include "drivers/text.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
@@ -154,8 +155,9 @@ std::string report_html(const Correction& correction) {
   out += std::string(kStyle) + "</style></head><body>\n<h1>Corrected path of " +
          escaped(correction.source) + "</h1>\n<p class='verdict'>";
   const bool trials = !correction.options.feedforward_only;
-  const std::string how = trials ? text("after %zu virtual trials on the twin.", learned.best)
-                                 : "on the twin, without a trial.";
+  const std::string how = trials
+                              ? "after " + counted(learned.best, "virtual trial") + " on the twin."
+                              : "on the twin, without a trial.";
   if (learned.best == 0) {
     out += "No correction reduces the error: the path is unchanged.";
   } else if (learned.before) {

@@ -12,6 +12,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/path_gcode.h"
+#include "drivers/text.h"
 #include "identification/model/motion_reach.h"
 #include "identification/model/stated_deviations.h"
 #include "ilc/path_ends.h"
@@ -199,8 +200,8 @@ void write_gcode(const LearnArguments& arguments, const Correction& correction,
       path_gcode(names, original, corrected, correction.axes.front().learning.path.sample_time_s,
                  kMicro * chord_um);
   write_result(arguments.gcode, gcode.text);
-  say(people,
-      text("G-code: %ld moves within %.4g um of the corrected path", gcode.moves, chord_um));
+  say(people, "G-code: " + counted(static_cast<std::size_t>(gcode.moves), "move") +
+                  text(" within %.4g um of the corrected path", chord_um));
 }
 
 void run(const LearnArguments& arguments) {

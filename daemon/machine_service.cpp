@@ -251,7 +251,7 @@ void MachineService::run() {
   const MachineStatus total = status();
   base_.events.note(
       "stopped", "",
-      "stopped after " + std::to_string(total.frames) + " frames" + fault_counts(total));
+      "stopped after " + servotwin::counted(total.frames, "frame") + fault_counts(total));
 }
 
 void MachineService::fade_out() {
@@ -308,11 +308,12 @@ void MachineService::report_news(const std::stop_token& stop) {
     }
     const std::uint64_t malformed = loop_->counters().malformed;
     if (malformed > reported && (reported == 0 || steady_ns() - reported_ns >= kReportPeriod_ns)) {
-      base_.events.error("source", "",
-                         std::to_string(malformed - reported) +
-                             " frames ignored: they do not have the " +
-                             std::to_string(machine_.axes.size()) +
-                             " axes of the machine; restart the daemon if the machine has changed");
+      base_.events.error(
+          "source", "",
+          servotwin::counted(malformed - reported, "frame") + " ignored for lack of the " +
+              (machine_.axes.size() == 1 ? std::string("axis")
+                                         : std::to_string(machine_.axes.size()) + " axes") +
+              " of the machine; restart the daemon if the machine has changed");
       reported = malformed;
       reported_ns = steady_ns();
     }

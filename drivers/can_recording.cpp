@@ -128,8 +128,8 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
   const CanCounts counts = assembly.counts();
   for (const SourceNews& matter : happened(used, none, counts)) note(matter.text);
   if (counts.incomplete > 0) {
-    note(std::to_string(counts.incomplete) + " of " + std::to_string(counts.cycles) +
-         " cycles lack some of their messages");
+    note("not all messages came in " + std::to_string(counts.incomplete) + " of " +
+         counted(counts.cycles, "cycle"));
   }
   if (interfaces.ignored_some())
     note("interfaces that are not in the mapping: " + interfaces.others());

@@ -6,6 +6,8 @@
 #include <chrono>
 #include <utility>
 
+#include "drivers/text.h"
+
 namespace servotwin {
 namespace {
 
@@ -27,8 +29,7 @@ std::string LineLimit::pass(std::string_view line, std::int64_t now_ns) {
     began_ns_ = now_ns;
     lines_ = 0;
     if (left_out_ > 0)
-      out =
-          "Cyclone DDS: " + std::to_string(std::exchange(left_out_, 0)) + " lines were left out\n";
+      out = "Cyclone DDS: " + counted(std::exchange(left_out_, 0), "line") + " left out\n";
   }
   if (lines_ == kMaxLines) {
     ++left_out_;

@@ -209,8 +209,8 @@ void convert(const std::string& name, const Unit& unit, std::vector<double>& val
     if (std::isnan(values[i]) && missing++ == 0) first = i + 1;
   }
   if (missing == 0) return;
-  notes.push_back(name + ": " + std::to_string(missing) + " of " + std::to_string(values.size()) +
-                  " values are NaN or infinite, the first is number " + std::to_string(first));
+  notes.push_back(name + ": NaN or infinite in " + std::to_string(missing) + " of " +
+                  counted(values.size(), "row") + ", the first is number " + std::to_string(first));
 }
 
 // The rows [begin, end) whose time is within the options' range, in seconds after the first stamp.
@@ -291,8 +291,8 @@ Recording read_mat(const std::filesystem::path& file, const ReadOptions& options
   const auto [begin, end] = selected_rows(time, options);
   if (begin == end) throw_no_rows(source, rows == 0 ? 0.0 : time.back() - time.front(), options);
   if (end - begin < rows) {
-    recording.notes.push_back(std::to_string(rows - (end - begin)) + " of " + std::to_string(rows) +
-                              " rows are outside --from and --to");
+    recording.notes.push_back("outside --from and --to: " + std::to_string(rows - (end - begin)) +
+                              " of " + counted(rows, "row"));
     time = std::vector<double>(time.begin() + static_cast<std::ptrdiff_t>(begin),
                                time.begin() + static_cast<std::ptrdiff_t>(end));
   }

@@ -264,14 +264,14 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
     if (b.up && (!a.up || b.downs > a.downs))
       lines.push_back({name + ": the interface is up again", true});
     if (b.dropped > a.dropped) {
-      lines.push_back({name + ": " + std::to_string(b.dropped - a.dropped) +
-                       " frames dropped by the kernel: they were not read in time"});
+      lines.push_back({name + ": " + counted(b.dropped - a.dropped, "frame") +
+                       " dropped by the kernel: not read in time"});
     }
     if (b.lost > a.lost)
-      lines.push_back({name + ": " + std::to_string(b.lost - a.lost) + " packets lost"});
+      lines.push_back({name + ": " + counted(b.lost - a.lost, "packet") + " lost"});
     if (b.malformed > a.malformed) {
-      lines.push_back({name + ": " + std::to_string(b.malformed - a.malformed) +
-                       " packets ignored: not CAN frames, or not from the peer"});
+      lines.push_back({name + ": " + counted(b.malformed - a.malformed, "packet") +
+                       " ignored: not CAN, or not from the peer"});
     }
   }
   if (now.stalled != reported_.stalled) {

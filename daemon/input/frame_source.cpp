@@ -137,8 +137,8 @@ std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
   const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
   if (ignored != reported_ignored_ &&
       (reported_ignored_ == 0 || now_ns - reported_ignored_ns_ >= kReportPeriod_ns)) {
-    lines.push_back({"a second writer sends frames of this machine; " +
-                     std::to_string(ignored - reported_ignored_) + " of its frames are ignored"});
+    lines.push_back({"a second writer sends frames of this machine; ignored: " +
+                     counted(ignored - reported_ignored_, "frame")});
     reported_ignored_ = ignored;
     reported_ignored_ns_ = now_ns;
   }

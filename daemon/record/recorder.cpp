@@ -200,8 +200,7 @@ void Recorder::finish_file() {
     write_recording_csv(directory_ / file_name_, file_);
     if (is(State::kRefused)) {
       events_.note("recording", "",
-                   "recordings are stored again; " + std::to_string(rows_not_recorded()) +
-                       " rows are missing");
+                   "recordings are stored again; missing: " + counted(rows_not_recorded(), "row"));
     }
     become(State::kRecords);
   } catch (const std::exception& error) {
@@ -270,11 +269,10 @@ void Recorder::delete_oldest() {
   const bool over = bytes > budget && spared > 0;
   if (over && !spared_) {
     events_.note("recording", "",
-                 std::to_string(spared) +
-                     " recordings that models were fitted to or judged on are kept beyond "
-                     "store.recordings_mb = " +
-                     number(budget / 1e6) +
-                     "; raise that limit, or delete recordings that are no longer needed");
+                 "kept beyond store.recordings_mb = " + number(budget / 1e6) + ": " +
+                     counted(spared, "recording") +
+                     " that models were fitted to or judged on; raise that limit, or delete "
+                     "recordings that are no longer needed");
   }
   spared_ = over;
 }
@@ -292,9 +290,9 @@ void Recorder::judge_room(double bytes) {
     become(State::kFull);
   } else if (!full && is(State::kFull)) {
     become(State::kRecords);
-    events_.note("recording", "",
-                 "recording resumed; " + std::to_string(rows_not_recorded()) +
-                     " rows are missing since the start");
+    events_.note(
+        "recording", "",
+        "recording resumed; missing since the start: " + counted(rows_not_recorded(), "row"));
   }
 }
 

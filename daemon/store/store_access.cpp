@@ -141,7 +141,7 @@ void Store::tighten_permissions() {
   if (alone) tighten(directory_);
   if (tightened > 0)
     note("other users could read " + std::to_string(tightened) +
-         " files and folders of the store; now only the user of the daemon can");
+         " of the files and folders of the store; now only the user of the daemon can");
   if (!open_to_others.empty()) note(open_to_others);
 }
 

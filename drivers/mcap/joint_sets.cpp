@@ -224,7 +224,7 @@ class JointReader {
       note("its stamps are 0; the time is that of the recorder");
     } else if (unstamped > 0) {
       std::erase_if(rows, [&](std::size_t row) { return set.time_ns[row] == 0; });
-      note(std::to_string(unstamped) + " messages with the stamp 0 are left out");
+      note("left out: " + counted(unstamped, "message") + " with the stamp 0");
     }
     const auto earlier = [&](std::size_t a, std::size_t b) {
       return set.time_ns[a] < set.time_ns[b];

@@ -133,8 +133,8 @@ bool McapFile::read_record(Record& record) {
     missing_ = "cut off or not closed by its recorder: " + how;
     return false;
   };
-  const std::string rest =
-      std::to_string(left) + " bytes from byte " + std::to_string(at_) + " on are not read";
+  const std::string rest = counted(left, "byte") + " from byte " + std::to_string(at_) + " on " +
+                           (left == 1 ? "is" : "are") + " not read";
   if (left == 0) return cut_off("its end is missing");
   if (head.size() < kRecordHead) return cut_off("the last " + rest);
   Fields fields(head);

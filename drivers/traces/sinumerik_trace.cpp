@@ -77,7 +77,8 @@ class Trace {
     if (name == "frameHeader") {
       const std::string_view drops = attribute(attributes, "dropOuts");
       if (!drops.empty() && drops != "0")
-        notes_.push_back("the control lost data " + std::string(drops) + " times");
+        notes_.push_back("the control lost data " +
+                         (drops == "1" ? "once" : std::string(drops) + " times"));
     } else if (name == "dataSignal") {
       add_signal(attributes);
     } else if (name == "rec") {

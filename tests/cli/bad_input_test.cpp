@@ -102,7 +102,7 @@ TEST(BadRecording, NanAndInfinityAreCountedAndBridged) {
   const Answer answer = servotwin_says(
       {"predict", file, "--axis", "X", "--model", folder / "model.json", "--json", "-"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("3 of 6000 values are empty, NaN or infinite"));
+  EXPECT_THAT(answer.err, HasSubstr("empty, NaN or infinite in 3 of 6000 rows"));
   EXPECT_THAT(answer.err, HasSubstr("3 rows without a value bridged"));
   EXPECT_EQ(json::parse(answer.out)["segments"].size(), 1U);
 }

@@ -110,7 +110,7 @@ TEST_F(CanOnTheCommandLine, ReplaysALogAsItIs) {
   const auto frames = heard(bus, program, 4, answer);
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("sent 4 frames"));
-  EXPECT_THAT(answer.out, HasSubstr("1 error frames not sent"));
+  EXPECT_THAT(answer.out, HasSubstr("1 error frame not sent"));
   ASSERT_EQ(frames.size(), 4U);
   EXPECT_EQ(frames[1].data[1], 2);
   EXPECT_TRUE(frames[2].fd && frames[2].extended);

@@ -20,7 +20,7 @@ TEST(LineLimit, LetsTenLinesAMinutePassAndCountsTheOthers) {
   for (int k = 0; k < 116'000; ++k) EXPECT_EQ(limit.pass("no route", 10 + k), "");
   EXPECT_EQ(limit.pass("no route", 59 * kSecond_ns), "");
   EXPECT_EQ(limit.pass("at last", 60 * kSecond_ns),
-            "Cyclone DDS: 116001 lines were left out\nat last\n");
+            "Cyclone DDS: 116001 lines left out\nat last\n");
   // A minute begins with a line, and the count with it.
   for (int k = 0; k < 8; ++k) EXPECT_EQ(limit.pass("again", 119 * kSecond_ns), "again\n");
   EXPECT_EQ(limit.pass("later", 120 * kSecond_ns), "later\n");

@@ -163,7 +163,7 @@ TEST_P(Mat, MissingValuesAreNanAndCounted) {
   }
   const Recording r = read_recording(file(), mapped("X.command=x[m]"));
   EXPECT_TRUE(std::isnan(r.axes.at(0).command[1]) && std::isnan(r.axes[0].command[2]));
-  EXPECT_EQ(r.notes.back(), "X.command: 2 of 4 values are NaN or infinite, the first is number 2");
+  EXPECT_EQ(r.notes.back(), "X.command: NaN or infinite in 2 of 4 rows, the first is number 2");
 }
 
 TEST_P(Mat, RefusesWhatIsNoChannelByName) {

@@ -196,7 +196,7 @@ TEST(CanSource, TellsWhatHappenedOnceAndWhatGoesOnOnceAMinute) {
   // So is what the first packet is refused for, and an interface that goes.
   machine.buses[0]->refuse();
   EXPECT_THAT(machine.source->news(62 * kSecond_ns + 1),
-              ElementsAre(bad("1 packets ignored: not CAN frames, or not from the peer")));
+              ElementsAre(bad("1 packet ignored: not CAN, or not from the peer")));
   machine.buses[0]->refuse();
   EXPECT_THAT(machine.source->news(62 * kSecond_ns + 2), IsEmpty());
   machine.buses[1]->set_up(false);

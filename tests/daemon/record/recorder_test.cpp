@@ -350,7 +350,7 @@ TEST_F(RecorderTest, WhereTheDiskRefusesItGoesOnCountsAndSaysSoOnce) {
 
   recorder.finish_file();
   EXPECT_EQ(files().size(), 1U);
-  EXPECT_THAT(said_.str(), HasSubstr("recordings are stored again; 60000 rows are missing"));
+  EXPECT_THAT(said_.str(), HasSubstr("recordings are stored again; missing: 60000 rows"));
 }
 
 }  // namespace
