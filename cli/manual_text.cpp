@@ -55,9 +55,8 @@ ManualText servotwin_manual_text() {
                .entries =
                    {{"recording",
                      "A CSV table with one row per cycle. Every column name carries its unit: "
-                     "time[s],X.command[mm],X.actual[mm],X.torque[Nm]. Files with other names, "
-                     "and MATLAB .mat files, are read with --columns; CAN logs (candump, "
-                     "Vector ASC, PEAK TRC) with --can-map."},
+                     "time[s],X.command[mm],X.actual[mm],X.torque[Nm]. Columns with other names "
+                     "are assigned with --columns. servotwin formats lists the other formats."},
                     {"model file",
                      "JSON of the schema servotwin.model/1. identify writes it; most other "
                      "commands read it."},

@@ -538,10 +538,7 @@ Command add_multivariable(CLI::App& app) {
   OptionTable command(app, "multivariable",
                       "Identifies all axes together: their common modes, and the share of "
                       "every command and friction in every error.");
-  arguments->recording.declare(command, "REC",
-                               "recording of several axes: CSV with units, foreign CSV with "
-                               "--columns or named columns, MATLAB .mat, or a CAN log with "
-                               "--can-map");
+  arguments->recording.declare(command, "REC", kRecordingHelp);
   command
       .option("--input", arguments->inputs,
               "list of AXIS.command (its velocity), AXIS.friction, AXIS.torque (default: "

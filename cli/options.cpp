@@ -126,10 +126,7 @@ Recording RecordingOptions::read(std::FILE* people, const std::string& axis) con
 }
 
 void AxisOptions::declare(OptionTable& command) {
-  recording.declare(
-      command, "REC",
-      "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
-      "with --can-map");
+  recording.declare(command, "REC", kRecordingHelp);
   command.option("--axis", axis, "axis of the recording, if it has several").takes("X");
 }
 

@@ -17,6 +17,12 @@ namespace servotwin::cli {
 
 class OptionTable;
 
+/// What REC may be, in the help of every command that reads one.
+inline constexpr const char* kRecordingHelp =
+    "recording: a table with units in its header, MATLAB, a trace of a controller, a ROS 2 bag, or "
+    "a "
+    "CAN log with --can-map (all: servotwin formats); - is standard input";
+
 /// REC --columns --format --can-map --from --to --rate --as-recorded: a recording and the part of
 /// it that is read.
 struct RecordingOptions {

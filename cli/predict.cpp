@@ -321,10 +321,7 @@ Command add_predict(CLI::App& app) {
   OptionTable command(
       app, "predict",
       "Predicts the tracking error of a recording and compares it with the measured one.");
-  arguments->recording.declare(
-      command, "REC",
-      "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
-      "with --can-map");
+  arguments->recording.declare(command, "REC", kRecordingHelp);
   command
       .option("--axis", arguments->axes,
               "axis of the recording, if it has several; given several times: also the contour "

@@ -15,6 +15,7 @@
 #include "daemon/input/frame_source.h"
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/dds.h"
+#include "drivers/text.h"
 
 namespace servotwin::cli {
 namespace {
@@ -51,8 +52,9 @@ void run(const ReplayArguments& arguments) {
   std::string axes;
   for (const AxisDescription& axis : replay.machine().axes)
     axes += (axes.empty() ? "" : ", ") + axis.name;
-  say(stdout, text("read %s: %zu rows at %.6g Hz, axes ", source.c_str(), replay.rows(),
-                   1.0 / replay.machine().cycle_s) +
+  say(stdout, "read " + source + ": " + counted(replay.rows(), "row") +
+                  text(" at %.6g Hz, %s ", 1.0 / replay.machine().cycle_s,
+                       replay.machine().axes.size() == 1 ? "axis" : "axes") +
                   axes);
 
   const DdsNode node(arguments.bus.place);
@@ -114,8 +116,8 @@ void run(const ReplayArguments& arguments) {
   say(stdout, text("sent %zu of %zu frames in %.2f s, %zu of them more than a cycle late", sent,
                    rows, taken_s, late));
   if (frames.failed() > 0) {
-    throw std::runtime_error(
-        text("DDS refused %zu frames", static_cast<std::size_t>(frames.failed())));
+    throw std::runtime_error("DDS refused " +
+                             counted(static_cast<std::size_t>(frames.failed()), "frame"));
   }
   if (!delivered) throw std::runtime_error("the readers did not confirm the last frames");
   while (statuses.receive(status, 0.0)) {
@@ -132,7 +134,7 @@ Command add_replay(CLI::App& app) {
   const auto arguments = std::make_shared<ReplayArguments>();
   OptionTable command(app, "replay", "Plays a recording on a live bus, in place of a machine.");
   arguments->recording.mends = false;  // the bus gets what the machine sent
-  arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");
+  arguments->recording.declare(command, "LOG", kRecordingHelp);
   arguments->bus.declare(command);
   command
       .option("--can", arguments->can,

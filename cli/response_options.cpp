@@ -118,9 +118,7 @@ double column_signals(const ResponseOptions& options, ResponseSignals& out, std:
 }  // namespace
 
 void ResponseOptions::declare(OptionTable& command) {
-  recording.declare(command, "REC",
-                    "recording: CSV with units, foreign CSV with --columns or named "
-                    "columns, MATLAB .mat, or a CAN log with --can-map");
+  recording.declare(command, "REC", kRecordingHelp);
   command
       .option("--axis", axis, "axis of the recording (default: --input and --output name columns)")
       .takes("X");
