@@ -12,6 +12,8 @@
 #include "cli/output.h"
 #include "drivers/text.h"
 #include "identification/recording/positions.h"
+#include "identification/recording/same_axis.h"
+#include "identification/recording/time_shift.h"
 #include "twin/twin.h"
 
 namespace servotwin::cli {
@@ -156,7 +158,14 @@ void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
     RecordingOptions one = recording;
     one.file = file;
     const Recording whole = one.read(people, read.axis);
-    const double begin_s = append(read, segmented(whole, read.axis, people));
+    SegmentedAxis next = segmented(whole, read.axis, people);
+    if (const double ratio = common_over_own(read.segments, next.segments);
+        ratio > kMaxCommonOverOwn)
+      say(people,
+          text("note: %s does not seem to be the same axis: one law of lag and friction for "
+               "all leaves %.2g times the error that one for each leaves",
+               file.filename().string().c_str(), ratio));
+    const double begin_s = append(read, std::move(next));
     say(people, text("note: %s begins at %.6g s of the time used below",
                      file.filename().string().c_str(), begin_s));
   }
@@ -183,6 +192,8 @@ SegmentedAxis segmented(const Recording& whole, const std::string& axis, std::FI
   say(people, "read " + whole.source + ": " + (whole.axes.size() == 1 ? "axis " : "axes ") + axes);
   SegmentedAxis segmented = segment_axis(whole, axis);
   for (const std::string& line : segmented.report.lines()) say(people, line);
+  if (const std::string late = remark_on_time(segmented.segments); !late.empty())
+    say(people, "note: " + axis + ".actual " + late);
   return segmented;
 }
 

@@ -15,6 +15,7 @@ constexpr double kMaxShift_s = 5.0;               // searched, and at most a qua
 constexpr Eigen::Index kMaxComparedRows = 10000;  // compared; more do not change the answer
 // Later than any servo: a loop of Kv 4/s lags by this time, and smooths what it follows.
 constexpr double kMinLate_s = 0.25;
+constexpr double kMinRemarked_s = 0.05;  // no fit takes a longer delay for one
 // Ahead of its command by more than an overdone feedforward makes it.
 constexpr double kMinEarly_s = 0.05;
 constexpr double kMaxLeft = 0.02;           // RMS left by the shift, over that of the motion
@@ -56,14 +57,19 @@ double least_left_by_lag(const Eigen::ArrayXd& command, const Eigen::ArrayXd& ac
   return least;
 }
 
+/// The longest segment, and nothing if it has no encoder.
+const Segment* longest_of(std::span<const Segment> segments) {
+  const auto shorter = [](const Segment& a, const Segment& b) { return a.size() < b.size(); };
+  const auto longest = std::max_element(segments.begin(), segments.end(), shorter);
+  return longest == segments.end() || longest->actual.size() != longest->size() ? nullptr
+                                                                                : &*longest;
+}
+
 }  // namespace
 
 std::string why_at_another_time(std::span<const Segment> segments) {
-  const Segment* longest = nullptr;
-  for (const Segment& s : segments) {
-    if (longest == nullptr || s.size() > longest->size()) longest = &s;
-  }
-  if (longest == nullptr || longest->actual.size() != longest->size()) return {};
+  const Segment* longest = longest_of(segments);
+  if (longest == nullptr) return {};
   const auto every = std::max<Eigen::Index>(
       1, static_cast<Eigen::Index>(std::lround(kGrid_s / longest->sample_time_s)));
   const double grid_s = static_cast<double>(every) * longest->sample_time_s;
@@ -99,6 +105,47 @@ std::string why_at_another_time(std::span<const Segment> segments) {
   out << "shows the commanded motion " << std::abs(shift_s)
       << (shift_s > 0.0 ? " s later and otherwise unchanged" : " s before it was commanded")
       << ": the two were not recorded at the same time; record both with one clock, or shift one";
+  return out.str();
+}
+
+std::string remark_on_time(std::span<const Segment> segments) {
+  const Segment* longest = longest_of(segments);
+  if (longest == nullptr) return {};
+  const double h = longest->sample_time_s;
+  const auto rows_of = [&](double time_s) { return static_cast<Eigen::Index>(time_s / h); };
+  const Eigen::Index most = rows_of(kMinLate_s), least = rows_of(kMinRemarked_s);
+  const Eigen::Index rows = longest->size() - most;
+  if (least < 1 || rows < 4 * most) return {};
+  // Of the grid, or fewer, each after the longest delay that is tried.
+  const Eigen::Index every = std::max<Eigen::Index>({1, rows_of(kGrid_s), rows / kMaxComparedRows});
+  const auto after = [&](Eigen::Index delay) {
+    Eigen::ArrayXd out(rows / every);
+    for (Eigen::Index k = 0; k < out.size(); ++k)
+      out(k) = longest->command(most + k * every - delay);
+    return out;
+  };
+  Eigen::ArrayXd actual(rows / every);
+  for (Eigen::Index k = 0; k < actual.size(); ++k) actual(k) = longest->actual(most + k * every);
+  const auto remains = [&](Eigen::Index delay) { return left(after(delay), actual); };
+  // It falls towards the best delay from either side.
+  Eigen::Index low = 0, high = most;
+  while (high - low > 2) {
+    const Eigen::Index third = (high - low) / 3;
+    if (remains(low + third) < remains(high - third)) {
+      high -= third;
+    } else {
+      low += third;
+    }
+  }
+  const Eigen::Index best = low + 1;
+  if (best < least || best + 2 >= most ||
+      !(remains(best) < kMaxLeftOverOther * left_by_slopes(after(0), actual)))
+    return {};
+  std::ostringstream out;
+  out.precision(2);
+  out << "shows the commanded motion " << h * static_cast<double>(best)
+      << " s later and hardly changed, and a servo that late would smooth it: unless both were "
+         "recorded with one clock, shift one; the model takes it for a lag of the loop";
   return out.str();
 }
 

@@ -18,4 +18,9 @@ namespace servotwin {
 /// recorded at the same time, or if nothing can be said (no encoder, short, hardly any motion).
 [[nodiscard]] std::string why_at_another_time(std::span<const Segment> segments);
 
+/// As above, for an encoder that is late by 0.05 to 0.25 s: a sentence for a note, since a loop may
+/// be as slow. Empty unless the command delayed by that time leaves much less than the command, its
+/// slope and its bend do, which are what a slow loop shows.
+[[nodiscard]] std::string remark_on_time(std::span<const Segment> segments);
+
 }  // namespace servotwin

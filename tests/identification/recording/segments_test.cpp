@@ -6,10 +6,13 @@
 #include <cmath>
 #include <functional>
 #include <random>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 
 #include "drivers/recording_file.h"
+#include "identification/recording/same_axis.h"
+#include "identification/recording/time_shift.h"
 #include "tests/identification/sampled_motion.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"
@@ -343,6 +346,61 @@ TEST(RequireMotion, RefusesAnEncoderThatWasRecordedAtAnotherTime) {
     EXPECT_NO_THROW(require_motion(followed(hz, later(0.03)))) << hz;
     EXPECT_NO_THROW(require_motion(followed(hz, later(-0.003)))) << hz;
   }
+}
+
+TEST(RemarkOnTime, NamesADelayThatIsNoLag) {
+  const auto remark = [](const SegmentedAxis& axis) { return remark_on_time(axis.segments); };
+  const auto later = [](double s) {
+    return [s](const auto& command, double t) { return command(std::max(0.0, t - s)); };
+  };
+  for (const double late_s : {0.06, 0.12, 0.2}) {
+    const auto axis = followed(0.0, later(late_s));
+    EXPECT_NO_THROW(require_motion(axis)) << late_s;
+    std::ostringstream said;
+    said << "shows the commanded motion " << late_s << " s later";
+    EXPECT_NE(remark(axis).find(said.str()), std::string::npos) << remark(axis);
+  }
+  EXPECT_EQ(remark(followed(0.0, later(0.02))), "");
+  for (const double constant_s : {0.02, 0.1, 0.2}) {
+    EXPECT_EQ(remark(followed(0.0, lagging(constant_s))), "") << constant_s;
+    for (const double hz : {0.3, 1.0, 3.0})
+      EXPECT_EQ(remark(followed(hz, lagging(constant_s))), "") << hz << " Hz, " << constant_s;
+    // Two lags, one behind the other: the lateness of a delay with less smoothing.
+    EXPECT_EQ(remark(followed(0.0,
+                              [one = lagging(0.5 * constant_s), two = 0.0, constant_s](
+                                  const auto& command, double t) mutable {
+                                return two += (one(command, t) - two) * 0.001 / (0.5 * constant_s);
+                              })),
+              "")
+        << constant_s;
+  }
+}
+
+TEST(SameAxis, IsToldByLagAndFriction) {
+  // error = lag v + inertia a + friction sign v, exactly.
+  const auto axis = [](double lag_s, double friction, double hz) {
+    Recording r = sampled(grid(8000, 0.001));
+    for (std::size_t k = 0; k < r.time.size(); ++k) {
+      const double w = 2.0 * M_PI * hz, x = w * r.time[k], v = 0.1 * w * std::cos(x);
+      r.axes[0].command[k] = 0.1 * std::sin(x);
+      r.axes[0].actual[k] = r.axes[0].command[k] - lag_s * v + 1e-5 * w * w * 0.1 * std::sin(x) -
+                            std::copysign(friction, v);
+    }
+    return segment_axis(r, "X").segments;
+  };
+  const auto noisy = [](std::vector<Segment> segments, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> noise(0.0, 2e-6);
+    for (Segment& s : segments) {
+      for (double& x : s.actual) x += noise(random);
+    }
+    return segments;
+  };
+  const auto one = noisy(axis(0.01, 1e-5, 0.5), 1);
+  EXPECT_NEAR(common_over_own(one, noisy(axis(0.01, 1e-5, 0.7), 2)), 1.0, 0.05);
+  EXPECT_GT(common_over_own(one, noisy(axis(0.013, 1e-5, 0.7), 3)), kMaxCommonOverOwn);
+  EXPECT_GT(common_over_own(one, noisy(axis(0.01, 3e-5, 0.7), 4)), kMaxCommonOverOwn);
+  EXPECT_EQ(common_over_own(one, {}), 1.0);
 }
 
 TEST(RequireMotion, RefusesAnEncoderThatCannotBelongToTheCommand) {
