@@ -8,6 +8,7 @@
 #include "diagnosis/chance.h"
 #include "diagnosis/cuts.h"
 #include "diagnosis/thresholds.h"
+#include "identification/recording/motion_range.h"
 #include "identification/recording/order_statistics.h"
 #include "twin/linear_algebra.h"
 
@@ -266,7 +267,8 @@ std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes
 }
 
 std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
-  const auto shapes = shapes_of(kind);
+  std::vector<Parameter> shapes;
+  for (const Parameter& p : shapes_of(kind)) shapes.push_back(stretched(p, stretch_of(segments_)));
   std::vector<double> start;
   for (const Parameter& p : shapes) {
     double value = p.start;

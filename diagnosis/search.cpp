@@ -12,6 +12,7 @@
 #include "identification/loop/joint.h"
 #include "identification/loop/output_error.h"
 #include "identification/loop/two_mass_fit.h"
+#include "identification/recording/motion_range.h"
 #include "twin/twin.h"
 #include "twin/two_mass_axis.h"
 
@@ -23,8 +24,8 @@ constexpr int kBlocks = 4;  // of the cross-validation
 // Cost along the simulated motion over cost along the measured one, below which the simulated
 // motion is used.
 constexpr double kMaxCostRatioToUseSimulation = 0.7;
-// Travel after which friction and play have forgotten where they were [m | rad]: some times what
-// guides and gaps have.
+// Travel after which friction and play have forgotten where they were [m], times the stretch of
+// the axis (twin/effect.h): some times what guides and gaps have.
 constexpr double kForgets = 1e-3;
 constexpr double kFitStep_s = 1e-3;  // sampling time of the data for fits
 // RMS with friction that grows over a travel over that with Coulomb friction, at most, for it to be
@@ -93,11 +94,12 @@ void Search::divide() {
   rest_.clear();
   // Blocks of equal duration; a gap in the recording shortens its block.
   const double from = training_.front().start_s, to = training_.back().end_s();
+  const double forgets = kForgets * stretch_of(training_);
   for (int b = 0; b < kBlocks; ++b) {
     const double begin = from + (to - from) * b / kBlocks,
                  end = from + (to - from) * (b + 1) / kBlocks;
     held_.push_back(cut(training_, begin, end - 1e-9));
-    begun_.push_back(with_lead_in(held_.back(), training_, kForgets));
+    begun_.push_back(with_lead_in(held_.back(), training_, forgets));
     led_.push_back(with_lead_in(held_.back(), training_));
     std::vector<Segment> rest = cut(training_, -1e300, begin - 1e-9);
     for (Segment& s : cut(training_, end, 1e300)) rest.push_back(std::move(s));

@@ -133,6 +133,20 @@ struct Parameter {
   return out;
 }
 
+/// The bounds of lengths and velocities are those of machines in m, which move by up to
+/// kMachineSpeed. A motor that turns by hundreds of rad/s has the same friction, play and ripple
+/// over as much larger angles: `by` times these bounds and start values.
+[[nodiscard]] constexpr Parameter stretched(Parameter p, double by) noexcept {
+  if (p.unit != "m" && p.unit != "m/s") return p;
+  p.upper *= by;
+  p.start *= by;
+  if (p.lower < 0.0) p.lower *= by;
+  return p;
+}
+inline constexpr double kMachineSpeed = 2.0;  ///< [m/s]: machine tools; linear motors reach more
+/// Of a spindle of 100,000 rpm.
+inline constexpr double kMostStretch = 5e3;
+
 /// Bound of a force per moved mass [m/s^2 | rad/s^2]. On a linear axis friction above 10 m/s^2 is
 /// rare, but a small motor that turns by itself has several hundred rad/s^2.
 inline constexpr double kMaxForce = 1e4;

@@ -28,7 +28,8 @@ constexpr double kMaxModeNumerator = 1e30;  // of any of its units
 
 bool within(double value, double lower, double upper) { return lower <= value && value <= upper; }
 
-std::string outside(std::string_view effect, const Parameter& parameter, double value) {
+std::string outside(std::string_view effect, const Parameter& given, double value, double stretch) {
+  const Parameter parameter = stretched(given, stretch);
   if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
   return say("effects[", effect, "].", parameter.name, " = ", value, " ", parameter.unit,
              " is outside ", parameter.lower, " .. ", parameter.upper);
@@ -36,7 +37,9 @@ std::string outside(std::string_view effect, const Parameter& parameter, double 
 
 }  // namespace
 
-std::string why_invalid(const Model& model) {
+std::string why_invalid(const Model& model) { return why_invalid(model, kMostStretch); }
+
+std::string why_invalid(const Model& model, double stretch) {
   if (!(model.sample_time_s > 0.0))
     return say("sample_time_s = ", model.sample_time_s, " must be positive");
   if (!within(model.sample_time_s, kMinSampleTime_s, kMaxSampleTime_s))
@@ -99,11 +102,12 @@ std::string why_invalid(const Model& model) {
     const auto id = identity_of(effect.kind).id;
     std::size_t i = 0;
     for (const Parameter& shape : shapes_of(effect.kind)) {
-      if (auto why = outside(id, shape, effect.shape[i++]); !why.empty()) return why;
+      if (auto why = outside(id, shape, effect.shape[i++], stretch); !why.empty()) return why;
     }
     i = 0;
     for (const Parameter& coefficient : coefficients_of(effect.kind)) {
-      if (auto why = outside(id, coefficient, effect.coefficient[i++]); !why.empty()) return why;
+      if (auto why = outside(id, coefficient, effect.coefficient[i++], stretch); !why.empty())
+        return why;
     }
   }
   const Effect* axis = two_mass_of(model);

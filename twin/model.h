@@ -133,5 +133,8 @@ inline constexpr int kMaxDelayCycles = 500;
 /// Why a model is invalid, naming field, value and rule; empty if it is valid: finite, stable,
 /// within the physical bounds of the catalogue, delay within kMaxDelayCycles.
 [[nodiscard]] std::string why_invalid(const Model& model);
+/// With bounds of lengths and velocities that are stretched by this factor (twin/effect.h): 1 on a
+/// linear axis. Without it kMostStretch: the model does not tell whether it is rotary.
+[[nodiscard]] std::string why_invalid(const Model& model, double stretch);
 
 }  // namespace servotwin

@@ -26,6 +26,8 @@ struct FmuUnit {
 void require_translated(std::string_view effect);
 
 /// The numbers of the model as text, which cli/export/sources/model_text.h reads.
-[[nodiscard]] std::string model_text(const Model& model, const std::string& guid);
+/// `stretch`: of the bounds of its parameters (twin/effect.h).
+[[nodiscard]] std::string model_text(const Model& model, const std::string& guid,
+                                     double stretch = 1.0);
 
 }  // namespace servotwin

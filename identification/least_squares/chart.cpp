@@ -57,8 +57,8 @@ std::vector<double> chart_of(Chart chart, int order, const std::array<double, kM
 
 double ShapeAxis::value(double coordinate) const {
   // exp(log(bound)) may miss the bound by a digit.
-  return std::clamp(logarithmic ? std::exp(coordinate) : coordinate, parameter->lower,
-                    parameter->upper);
+  return std::clamp(logarithmic ? std::exp(coordinate) : coordinate, parameter.lower,
+                    parameter.upper);
 }
 
 double ShapeAxis::coordinate(double value) const {
@@ -66,14 +66,14 @@ double ShapeAxis::coordinate(double value) const {
 }
 
 ShapeAxis shape_axis(const Parameter& p) {
-  if (p.lower > 0.0) return {std::log(p.lower), std::log(p.upper), true, &p};
-  return {p.lower, p.upper, false, &p};
+  if (p.lower > 0.0) return {std::log(p.lower), std::log(p.upper), true, p};
+  return {p.lower, p.upper, false, p};
 }
 
-std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects) {
+std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects, double stretch) {
   std::vector<ShapeAxis> axes;
   for (std::size_t kind : effects) {
-    for (const Parameter& p : shapes_of(kind)) axes.push_back(shape_axis(p));
+    for (const Parameter& p : shapes_of(kind)) axes.push_back(shape_axis(stretched(p, stretch)));
   }
   return axes;
 }

@@ -30,14 +30,15 @@ enum class Chart { kStable, kPoles };
 struct ShapeAxis {
   double lower = -1e300, upper = 1e300;  ///< of the coordinate
   bool logarithmic = false;
-  const Parameter* parameter = nullptr;
+  Parameter parameter;
 
   [[nodiscard]] double value(double coordinate) const;
   [[nodiscard]] double coordinate(double value) const;
 };
 
 [[nodiscard]] ShapeAxis shape_axis(const Parameter& parameter);
-/// Of all shapes of these effects, in their order.
-[[nodiscard]] std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects);
+/// Of all shapes of these effects, in their order, on an axis with this stretch (twin/effect.h).
+[[nodiscard]] std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects,
+                                                double stretch);
 
 }  // namespace servotwin

@@ -6,6 +6,7 @@
 
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/structure_choice.h"
+#include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
 #include "identification/recording/signals.h"
 #include "twin/linear_algebra.h"
@@ -122,7 +123,8 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
   if (!(all > 0.0)) return std::nullopt;
 
   const std::size_t kind = kind_of<BacklashBehindEncoder>();
-  const auto shapes = shapes_of(kind);
+  std::vector<Parameter> shapes;
+  for (const Parameter& p : shapes_of(kind)) shapes.push_back(stretched(p, stretch_of(segments)));
   double velocity_limit = shapes[1].start;
   for (const Effect& effect : rigid.effects) {
     std::size_t i = 0;

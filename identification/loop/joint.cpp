@@ -6,6 +6,7 @@
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/mode_search.h"
+#include "identification/recording/motion_range.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -21,12 +22,13 @@ constexpr double kMinQuantisationShare = 0.5;
 // change, and has several optima.
 constexpr double kMaxDeviationOverStep = 0.1;
 
-/// Start values of the shapes of one effect, on a grid about the catalogue's.
-std::vector<std::vector<double>> shape_grid(std::size_t kind) {
+/// Start values of the shapes of one effect, on a grid about the catalogue's, on an axis with this
+/// stretch (twin/effect.h).
+std::vector<std::vector<double>> shape_grid(std::size_t kind, double stretch) {
   constexpr std::size_t kGriddedShapes = 3;  // an effect lists its most influential shapes first
   std::vector<std::vector<double>> grid{{}};
   for (std::size_t i = 0; i < shapes_of(kind).size(); ++i) {
-    const Parameter& p = shapes_of(kind)[i];
+    const Parameter p = stretched(shapes_of(kind)[i], stretch);
     std::vector<double> values{p.start};
     if (i < kGriddedShapes && p.lower > 0.0)
       values = {std::max(0.3 * p.start, p.lower), p.start, std::min(3.0 * p.start, p.upper)};
@@ -66,7 +68,8 @@ std::vector<Point> friction_starts(const Projection& data, const Structure& stru
       rough.shapes.begin() + static_cast<std::ptrdiff_t>(first + shapes_of(held).size());
   const Projection coarse = thinned(data, 4e-3);
   std::vector<std::pair<double, Point>> best;
-  for (const std::vector<double>& shapes : shape_grid(structure.effects[place])) {
+  for (const std::vector<double>& shapes :
+       shape_grid(structure.effects[place], stretch_of(data.segments()))) {
     Point point{rough.denominator,
                 {rough.shapes.begin(), rough.shapes.begin() + static_cast<std::ptrdiff_t>(first)},
                 rough.modes};

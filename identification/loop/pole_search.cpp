@@ -11,6 +11,7 @@
 #include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
+#include "identification/recording/motion_range.h"
 #include "twin/linear_algebra.h"
 #include "twin/two_pi.h"
 
@@ -198,7 +199,8 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
                  const PoleBounds& bounds, const PoleSearchOptions& search, int rounds,
                  int& evaluations) {
   const int order = data.structure().order;
-  const std::vector<ShapeAxis> axes = shape_axes(data.structure().effects);
+  const std::vector<ShapeAxis> axes =
+      shape_axes(data.structure().effects, stretch_of(data.segments()));
   Loop loop;
   loop.order = order;
   loop.denominator = from.point.denominator;
@@ -367,8 +369,10 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
 
   std::vector<double> shapes = options.shapes;
   if (shapes.empty()) {
+    const double stretch = stretch_of(data.segments());
     for (std::size_t kind : data.structure().effects) {
-      for (const Parameter& p : shapes_of(kind)) {
+      for (const Parameter& of_machines : shapes_of(kind)) {
+        const Parameter p = stretched(of_machines, stretch);
         const bool delay = identity_of(kind).acts == Acts::kCommandDelay;
         shapes.push_back(delay ? std::clamp(mean_lag_s(data.segments()), p.lower, p.upper)
                                : p.start);

@@ -399,7 +399,8 @@ ModelRecord model_from_json(const json& j) {
     model.effects.push_back(effect);
     record.effect_deviations.push_back(sd);
   }
-  if (auto why = why_invalid(model); !why.empty()) throw std::runtime_error("model file: " + why);
+  if (auto why = why_invalid(model, record.rotary ? kMostStretch : 1.0); !why.empty())
+    throw std::runtime_error("model file: " + why);
 
   // What the file says twice must agree, or a hand has changed one of the two.
   const json expected = loop_json(record);

@@ -5,8 +5,10 @@
 #include <cmath>
 #include <numbers>
 #include <sstream>
+
 #include <utility>
 #include <vector>
+#include "twin/effect.h"
 
 #include "identification/recording/order_statistics.h"
 
@@ -26,6 +28,21 @@ MotionRange motion_range(std::span<const Segment> segments) {
     out.acceleration = std::fmax(out.acceleration, a);
   }
   return out;
+}
+
+double stretch_of(std::span<const Segment> segments) {
+  return std::fmax(1.0, motion_range(segments).speed / kMachineSpeed);
+}
+
+double stretch_of(std::span<const Signals> segments) {
+  double speed = 0.0;
+  for (const Signals& s : segments) {
+    const Eigen::Index d = std::max<Eigen::Index>(1, std::lround(MotionRange::kSpan_s / s.h));
+    if (s.size() <= d) continue;
+    const Eigen::ArrayXd way = s.position.tail(s.size() - d) - s.position.head(s.size() - d);
+    speed = std::fmax(speed, way.abs().maxCoeff() / (s.h * static_cast<double>(d)));
+  }
+  return std::fmax(1.0, speed / kMachineSpeed);
 }
 
 namespace {

@@ -13,6 +13,7 @@
 #include <span>
 #include <string>
 
+#include "identification/recording/signals.h"
 #include "twin/sample.h"
 
 namespace servotwin {
@@ -26,6 +27,11 @@ struct MotionRange {
 
 /// The range of the commands; NaN if no segment is longer than two spans.
 [[nodiscard]] MotionRange motion_range(std::span<const Segment> segments);
+
+/// How much larger the lengths and velocities of this axis are than those of machines in m: its
+/// peak speed over kMachineSpeed, at least 1 (twin/effect.h).
+[[nodiscard]] double stretch_of(std::span<const Segment> segments);
+[[nodiscard]] double stretch_of(std::span<const Signals> segments);
 
 /// Why commands cannot be those of a servo axis, with the unit that may be wrong: faster or longer
 /// than any machine. Empty: they can.

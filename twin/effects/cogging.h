@@ -22,7 +22,7 @@ struct Cogging {
       .check = "what repeats with this period: the screw's lead, its balls, the motor's poles",
       .on_motor = true};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"period", "m", 5e-5, 1.0, 5e-3, "period of the force along the axis", true, false,
+      {{"period", "m", 5e-5, 10.0, 5e-3, "period of the force along the axis", true, false,
         Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"sine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the sine, per moved mass"},

@@ -23,7 +23,7 @@ struct EncoderError {
       .cause = "encoder_error",
       .check = "mounting and cleanness of the encoder; eccentricity, signal amplitudes"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"period", "m", 2e-5, 1.0, 5e-3, "period of the error along the axis", true, false,
+      {{"period", "m", 2e-5, 10.0, 5e-3, "period of the error along the axis", true, false,
         Scan::kPeriod}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"sine", "m", -1e-3, 1e-3, 0.0, "amplitude of the sine"},

@@ -21,7 +21,7 @@ struct LeadError {
       .cause = "lead_error",
       .check = "pitch compensation table; the screw's pitch"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"period", "m", 2e-5, 1.0, 5e-3, "period of the error along the axis", true, false,
+      {{"period", "m", 2e-5, 10.0, 5e-3, "period of the error along the axis", true, false,
         Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"slope", "1", -0.1, 0.1, 0.0, "error per travel"},

@@ -89,6 +89,31 @@ INSTANTIATE_TEST_SUITE_P(
         1.0, 0.0, {0.0005, 0.0027, 1.32, 0.0084, 0.2}, {0.03, 0.002, 0.6, 0.006, 0.5}}),
     [](const auto& test) { return std::to_string(static_cast<int>(test.param.step_um)) + "_um"; });
 
+// The drive before a screw of 10 mm lead: the same motion in rad is 628 times as large, and so are
+// all lengths of its friction, while the poles are the same.
+TEST(FastRotaryAxis, HasTheModelOfTheLinearOneInItsUnit) {
+  constexpr double kPerMetre = kTwoPi / 0.01;
+  const ThesisStudy study = thesis_study();
+  Segment segment;
+  segment.sample_time_s = study.sample_time_s;
+  segment.command = kPerMetre * 1e-3 * study.command_mm;
+  segment.actual = kPerMetre * 1e-3 * study.actual_mm;
+  const std::vector<Segment> motion{segment};
+  // The angle of breakaway is beyond the bound of lengths of machines.
+  ASSERT_GT(kPerMetre * 20e-6, shapes_of(kind_of<Presliding>())[0].upper);
+  const auto found = joint_fit(motion, {3, {kind_of<Presliding>()}}, {}, 0.0, true);
+  ASSERT_TRUE(found);
+  const PoleSet poles = labels_of(found->model.loop).set[0];
+  const Effect& friction = found->model.effects[0];
+  EXPECT_NEAR(poles.omega / kTwoPi, 31.31, 0.01);
+  EXPECT_NEAR(friction.shape[0], kPerMetre * 20e-6, kPerMetre * 0.6e-6);
+  EXPECT_NEAR(friction.shape[1], 0.7, 0.005);
+  EXPECT_NEAR(friction.coefficient[0], kPerMetre * 0.286, kPerMetre * 0.2e-3);
+  // Such a model is valid on a rotary axis only.
+  EXPECT_EQ(why_invalid(found->model, kMostStretch), "");
+  EXPECT_NE(why_invalid(found->model, 1.0).find("breakaway_displacement"), std::string::npos);
+}
+
 SegmentedAxis example_axis(const char* name) {
   return segment_axis(
       read_recording(std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "examples/axis_production.csv"),
