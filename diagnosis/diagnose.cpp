@@ -12,6 +12,7 @@
 #include "diagnosis/text.h"
 #include "diagnosis/unexplained.h"
 #include "identification/loop/joint.h"
+#include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
 #include "identification/torque/torque_limit.h"
 #include "twin/shown_units.h"
@@ -378,7 +379,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   doubt(out.causes, current, search, holdout);
   const bool cuts_recorded = recorded.segments.front().in_cut.size() > 0;
   for (Cause& cause : out.causes) {
-    if (at_end_of(cause.id, extended, extended.effects[cause.place]))
+    if (at_end_of(cause.id, extended, extended.effects[cause.place],
+                  stretch_of(out.extended.motion)))
       cause.doubt = CauseDoubt::kParameters;
     // Two masses have many parameters, and cuts that were not recorded are found in the residual
     // itself: a small gain may be that of any better fit.

@@ -94,7 +94,8 @@ std::optional<Vibration> vibration_of(const Model& model, const Effect& mode) {
   return std::nullopt;
 }
 
-std::string end_text(std::string_view cause, const Model& model, const Effect& effect) {
+std::string end_text(std::string_view cause, const Model& model, const Effect& effect,
+                     double stretch) {
   if (effect.kind == kind_of<Compliance>()) {
     const std::optional<Vibration> vibration = vibration_of(model, effect);
     const double most = shapes_of(effect.kind)[1].upper;
@@ -120,17 +121,17 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
     // A fit that wants still less friction at rest beside that at speed is no friction of a guide.
     if (shapes[i].name == "breakaway_ratio" && effect.shape[i] < shapes[i].lower / kAtLimit)
       return text("breakaway ratio at its limit %g: it stands for something else", shapes[i].lower);
-    if (shapes[i].name != nature.ends_at || !(effect.shape[i] > kAtLimit * shapes[i].upper))
-      continue;
+    const double most = stretched(shapes[i], stretch).upper;
+    if (shapes[i].name != nature.ends_at || !(effect.shape[i] > kAtLimit * most)) continue;
     std::string name(shapes[i].name);
     std::replace(name.begin(), name.end(), '_', ' ');
-    return text("%s at its limit %g: %s", name.c_str(), shapes[i].upper, nature.beyond);
+    return text("%s at its limit %g: %s", name.c_str(), most, nature.beyond);
   }
   return "";
 }
 
-bool at_end_of(std::string_view cause, const Model& model, const Effect& effect) {
-  return !end_text(cause, model, effect).empty();
+bool at_end_of(std::string_view cause, const Model& model, const Effect& effect, double stretch) {
+  return !end_text(cause, model, effect, stretch).empty();
 }
 
 }  // namespace servotwin

@@ -30,9 +30,9 @@ MotionRange motion_range(std::span<const Segment> segments) {
   return out;
 }
 
-double stretch_of(std::span<const Segment> segments) {
-  return std::fmax(1.0, motion_range(segments).speed / kMachineSpeed);
-}
+double stretch_of(const MotionRange& range) { return std::fmax(1.0, range.speed / kMachineSpeed); }
+
+double stretch_of(std::span<const Segment> segments) { return stretch_of(motion_range(segments)); }
 
 double stretch_of(std::span<const Signals> segments) {
   double speed = 0.0;

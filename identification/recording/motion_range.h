@@ -30,6 +30,7 @@ struct MotionRange {
 
 /// How much larger the lengths and velocities of this axis are than those of machines in m: its
 /// peak speed over kMachineSpeed, at least 1 (twin/effect.h).
+[[nodiscard]] double stretch_of(const MotionRange& range);
 [[nodiscard]] double stretch_of(std::span<const Segment> segments);
 [[nodiscard]] double stretch_of(std::span<const Signals> segments);
 

@@ -73,6 +73,19 @@ TEST(EndOfACause, FrictionThatIsNearlyGoneAtRestStandsForSomethingElse) {
   EXPECT_EQ(end_text("stribeck", loop_with(20.0, 0.7), law), "");
 }
 
+TEST(EndOfACause, AnAngleOfAFastMotorIsNoLengthOfAMachine) {
+  Effect friction = make_effect<Presliding>();
+  const Parameter& way = shapes_of(friction.kind)[0];
+  ASSERT_EQ(way.upper, 2e-3);
+  friction.shape[0] = 7e-3;
+  EXPECT_THAT(end_text("presliding", loop_with(20.0, 0.7), friction),
+              testing::HasSubstr("limit 0.002"));
+  EXPECT_EQ(end_text("presliding", loop_with(20.0, 0.7), friction, 30.0), "");
+  friction.shape[0] = 0.06;
+  EXPECT_THAT(end_text("presliding", loop_with(20.0, 0.7), friction, 30.0),
+              testing::HasSubstr("limit 0.06"));
+}
+
 TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
   Effect delay = make_effect<TimeDelay>();
   delay.shape[0] = 0.45e-3;
