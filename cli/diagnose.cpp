@@ -20,6 +20,7 @@
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
+#include "identification/recording/motion_range.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
@@ -118,7 +119,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
         cause.confidence < kMinConfidenceToName ? "too low to name it as a cause"
         : cause.doubt == CauseDoubt::kParameters
             ? "but " + end_text(cause.id, diagnosis.extended.model,
-                                diagnosis.extended.model.effects[cause.place])
+                                diagnosis.extended.model.effects[cause.place],
+                                stretch_of(diagnosis.extended.motion))
             : "but its gain on held-out data may be zero, or is within the noise";
     say(people,
         text("suspected   %-24s confidence %.0f %%, ", cause.id.c_str(), 100.0 * cause.confidence) +
@@ -249,8 +251,7 @@ void run(const DiagnoseArguments& arguments) {
     write_json(arguments.result, result);
   }
   if (!arguments.report.empty())
-    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source,
-                                               torque ? torque_section(*torque) : ""));
+    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source, torque));
 }
 
 }  // namespace

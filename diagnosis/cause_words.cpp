@@ -90,7 +90,8 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   else if (id == "gravity_offset")
     out = text("%.3g %s", of("offset_mps2"), force);
   if (id == "inertia_change")
-    out = text("%.3g times the mass from %.3g s on", of("ratio"), of("time_s"));
+    out = text("%.3g times the %s from %.3g s on", of("ratio"), rotary ? "inertia" : "mass",
+               of("time_s"));
   if (id == "gain_change")
     out = text("%.3g times the gain from %.3g s on", of("ratio"), of("time_s"));
   if (id == "added_friction")
@@ -151,7 +152,7 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
 
 }  // namespace
 
-std::string plain_verdict(const Diagnosis& diagnosis) {
+std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::string>& by_torque) {
   std::string axis = "Axis " + diagnosis.baseline.axis;
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
   const bool limited = !diagnosis.at_limit.empty();
@@ -163,17 +164,25 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms;
   const char* unit = micro(diagnosis.baseline.rotary);
+  std::string shown;
+  for (const std::string& id : by_torque) shown += (shown.empty() ? "" : "; ") + plain_name(id);
+  if (!shown.empty()) shown = " The torque shows " + shown + ".";
+  // Where the position names no cause, what to check first is that of the torque.
+  const std::string of_torque = by_torque.empty()
+                                    ? ""
+                                    : shown + (limited ? " Then check: " : " Check first: ") +
+                                          advice_for(by_torque.front()) + ".";
   switch (diagnosis.verdict) {
     case Verdict::kNothingSignificant:
-      return axis +
-             text(" agrees with its simulation to %.3g %s RMS: no cause needs to be looked for.",
-                  before, unit);
+      return axis + text(" agrees with its simulation to %.3g %s RMS", before, unit) +
+             (by_torque.empty() ? ": no cause needs to be looked for." : "." + of_torque);
     case Verdict::kUnexplained:
       return axis +
              text(" deviates from its simulation in a way that %s: the error is %.3g %s RMS.",
                   diagnosis.causes.empty() ? "none of the known causes explains"
                                            : "the causes below explain only in part",
-                  before, unit);
+                  before, unit) +
+             (diagnosis.causes.empty() ? of_torque : shown);
     case Verdict::kExplained:
       break;
   }
@@ -186,6 +195,7 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
       out += (i > 1 ? "; " : "") + plain_name(diagnosis.causes[i].id);
     out += ".";
   }
+  out += shown;
   if (first.id == "presliding")
     out += " Every axis has such friction: it calls for action where it has grown.";
   if (std::isfinite(before) && after < before) {

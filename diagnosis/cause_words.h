@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "diagnosis/diagnose.h"
 
@@ -16,6 +17,8 @@ namespace servotwin {
 [[nodiscard]] std::string plain_size(const Diagnosis& diagnosis, const Cause& cause);
 
 /// The verdict in a few sentences: which axis, which causes, how large, and what to check first.
-[[nodiscard]] std::string plain_verdict(const Diagnosis& diagnosis);
+/// `by_torque`: identifiers of further causes that the torque shows.
+[[nodiscard]] std::string plain_verdict(const Diagnosis& diagnosis,
+                                        const std::vector<std::string>& by_torque = {});
 
 }  // namespace servotwin

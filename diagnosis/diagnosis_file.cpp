@@ -261,7 +261,7 @@ std::string verdict_text(const Diagnosis& diagnosis) {
   const std::string loop = verdict_of_loop(diagnosis);
   if (diagnosis.at_limit.empty()) return loop;
   return "the motor is at its torque limit. " +
-         std::string(diagnosis.limit_left_out ? "Away from it: " : "") + loop;
+         std::string(diagnosis.limit_left_out ? "Away from it " : "") + loop;
 }
 
 namespace {

@@ -12,6 +12,7 @@
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
+#include "diagnosis/torque_text.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
 
@@ -27,7 +28,8 @@ constexpr double kErrorPlotLength_s = 4.0;
 constexpr const char* kStyle =
     ":root{color-scheme:light dark;--line:#8884;--soft:#8881}"
     "body{font:16px/1.5 sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}"
-    "table{border-collapse:collapse}td,th{padding:.3rem .8rem;text-align:left;"
+    "table{border-collapse:collapse;display:block;overflow-x:auto}"  // not wider than the page
+    "code{overflow-wrap:anywhere}td,th{padding:.3rem .8rem;text-align:left;"
     "border-bottom:1px solid var(--line);vertical-align:top}"
     "svg{max-width:100%;height:auto;border-radius:.3rem}"
     ".verdict{font-size:1.25rem;border-left:.3rem solid #3b7dd8;padding:.2rem 1rem}"
@@ -255,16 +257,31 @@ std::string next_step_of(const Diagnosis& diagnosis) {
   }
   if (!diagnosis.not_observable.empty())
     out += text(
-        "<p>%zu of the known causes cannot be seen in this recording; they are listed "
-        "below with what would show them.</p>",
+        "<p>Of the known causes, this recording cannot show %zu; below is what would show "
+        "them.</p>",
         diagnosis.not_observable.size());
   return out.empty() ? out : "<div><h2>If in doubt</h2>" + out + "</div>\n";
 }
 
+/// The causes that only the torque names. A limit of the motor is a sentence of its own.
+std::vector<std::string> further_by(const std::optional<TorqueDiagnosis>& torque,
+                                    const Diagnosis& diagnosis) {
+  std::vector<std::string> out;
+  if (!torque) return out;
+  for (const TorqueCause& cause : torque->causes) {
+    const bool told = std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
+                                  [&](const Cause& other) { return other.id == cause.id; }) ||
+                      (cause.id == "torque_saturation" && !diagnosis.at_limit.empty());
+    if (!told) out.push_back(cause.id);
+  }
+  return out;
+}
+
 /// What a maintenance engineer has to know: verdict, what to do, how sure, one picture.
-std::string first_screen(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
+std::string first_screen(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
+                         const std::optional<TorqueDiagnosis>& torque) {
   std::string out = "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n<p class='verdict'>" +
-                    escaped(plain_verdict(diagnosis)) + "</p>\n";
+                    escaped(plain_verdict(diagnosis, further_by(torque, diagnosis))) + "</p>\n";
   out += "<div class='facts'>" + checks_of(diagnosis);
   if (!diagnosis.causes.empty()) out += certainty_of(diagnosis);
   out += next_step_of(diagnosis) + "</div>\n";
@@ -376,8 +393,12 @@ std::string method_section(const Diagnosis& diagnosis) {
       "<p>Each candidate was fitted together with the position loop on the first part of the "
       "recording (training data). It was kept only if it significantly lowered the prediction "
       "error of blocks that it was not fitted to. All errors above are those of a free simulation "
-      "of the held-out rest, which the search did not use. A force per moved mass in N/kg is an "
-      "acceleration in m/s^2; it is reconstructed from the tracking error through the model of the "
+      "of the held-out rest, which the search did not use. A " +
+      std::string(
+          diagnosis.baseline.rotary
+              ? "torque per moment of inertia in N m per kg m^2 is an acceleration in rad/s^2"
+              : "force per moved mass in N/kg is an acceleration in m/s^2") +
+      "; it is reconstructed from the tracking error through the model of the "
       "loop.</p><table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
     if (!cause.counts.empty()) continue;
@@ -392,12 +413,12 @@ std::string method_section(const Diagnosis& diagnosis) {
 }  // namespace
 
 std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
-                        const std::string& source, const std::string& more) {
+                        const std::string& source, const std::optional<TorqueDiagnosis>& torque) {
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>Axis " +
       escaped(diagnosis.baseline.axis) + "</title>\n<style>" + kStyle + "</style></head><body>\n";
-  out += first_screen(diagnosis, segments) + "<p>From " + escaped(source);
+  out += first_screen(diagnosis, segments, torque) + "<p>From " + escaped(source);
   if (!segments.empty())
     out +=
         text(", %.4g to %.4g s; errors are evaluated on the held-out data after %.4g s",
@@ -409,8 +430,9 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
       !figure_of(diagnosis, diagnosis.causes.front(), segments).empty())
     out += folded("The error over a few seconds", error_figure(diagnosis, segments));
   return out + test_section(diagnosis) + suspected_section(diagnosis) +
-         not_observable_section(diagnosis) + more + frequency_section(diagnosis, segments) +
-         left_of(diagnosis, segments) + method_section(diagnosis) + "</body></html>\n";
+         not_observable_section(diagnosis) + (torque ? torque_section(*torque) : "") +
+         frequency_section(diagnosis, segments) + left_of(diagnosis, segments) +
+         method_section(diagnosis) + "</body></html>\n";
 }
 
 }  // namespace servotwin

@@ -2,19 +2,22 @@
 // the network and runs no script.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "diagnosis/diagnose.h"
+#include "diagnosis/torque.h"
 #include "twin/sample.h"
 
 namespace servotwin {
 
 /// The page as HTML. `segments`: the recording that was diagnosed; the plots show its held-out
-/// part. `source`: where the recording comes from, for the first line. `more`: a further section in
-/// HTML, inserted after the causes. Any thread.
+/// part. `source`: where the recording comes from, for the first line. `torque`: what the torque
+/// shows, in the first sentence and as a section after the causes. Any thread.
 [[nodiscard]] std::string report_html(const Diagnosis& diagnosis,
                                       const std::vector<Segment>& segments,
-                                      const std::string& source, const std::string& more = {});
+                                      const std::string& source,
+                                      const std::optional<TorqueDiagnosis>& torque = {});
 
 }  // namespace servotwin

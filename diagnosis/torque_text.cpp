@@ -325,7 +325,9 @@ std::string torque_page(const TorqueDiagnosis& torque, const std::string& source
          "content='width=device-width'>\n<title>Axis " +
          escaped(torque.axis) +
          "</title>\n<style>body{font:16px sans-serif;max-width:72rem;margin:2rem auto;padding:0 "
-         "1rem;color-scheme:light dark}table{border-collapse:collapse}td,th{padding:.3rem .8rem;"
+         "1rem;color-scheme:light "
+         "dark}table{border-collapse:collapse;display:block;overflow-x:auto}"
+         "code{overflow-wrap:anywhere}td,th{padding:.3rem .8rem;"
          "text-align:left;border-bottom:1px solid #8884}svg{max-width:100%;height:auto}</style>"
          "</head><body>\n<h1>Axis " +
          escaped(torque.axis) + "</h1>\n<p>" + escaped(source) + "</p>\n" + torque_section(torque) +

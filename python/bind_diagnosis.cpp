@@ -102,8 +102,7 @@ const Diagnosis& loop_of(const Diagnosed& diagnosed) {
 
 std::string page_of(const Diagnosed& d) {
   if (!d.loop) return torque_page(*d.torque, d.axis.source);
-  return report_html(*d.loop, d.axis.segments, d.axis.source,
-                     d.torque ? torque_section(*d.torque) : "");
+  return report_html(*d.loop, d.axis.segments, d.axis.source, d.torque);
 }
 
 }  // namespace

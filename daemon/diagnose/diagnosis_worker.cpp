@@ -144,8 +144,8 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     if (torque) add_torque(json, *torque);
     json["created"] = event.time;
     json["reason"] = reason;
-    keep_report(name, report_html(diagnosis, motion.segments, "live data until " + event.time,
-                                  torque ? torque_section(*torque) : ""));
+    keep_report(name,
+                report_html(diagnosis, motion.segments, "live data until " + event.time, torque));
     keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);

@@ -93,11 +93,24 @@ TEST(Verdict, BeginsWithTheLimitOfTheMotor) {
   diagnosis.limit_left_out = true;
   EXPECT_THAT(
       verdict_text(diagnosis),
-      testing::StartsWith("the motor is at its torque limit. Away from it: nothing significant"));
+      testing::StartsWith("the motor is at its torque limit. Away from it nothing significant"));
   const std::string plain = plain_verdict(diagnosis);
   EXPECT_THAT(plain, testing::StartsWith("Axis X asks its motor for more than it can give: the "
                                          "motor stays at 190 N in 6 moments"));
   EXPECT_THAT(plain, testing::HasSubstr(". Away from these moments the axis agrees with"));
+}
+
+TEST(Verdict, NamesWhatOnlyTheTorqueShows) {
+  Diagnosis diagnosis;
+  diagnosis.baseline.axis = "X";
+  EXPECT_THAT(plain_verdict(diagnosis), testing::HasSubstr("no cause needs to be looked for"));
+  const std::string plain = plain_verdict(diagnosis, {"cogging", "backlash"});
+  EXPECT_THAT(plain, testing::StartsWith("Axis X agrees with its simulation"));
+  EXPECT_THAT(plain, testing::HasSubstr(" The torque shows a force ripple that repeats along the "
+                                        "axis; play (backlash). Check first: what repeats"));
+  EXPECT_THAT(plain, testing::Not(testing::HasSubstr("no cause")));
+  diagnosis.verdict = Verdict::kUnexplained;
+  EXPECT_THAT(plain_verdict(diagnosis, {"cogging"}), testing::HasSubstr(" The torque shows"));
 }
 
 }  // namespace

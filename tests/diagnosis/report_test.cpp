@@ -241,6 +241,14 @@ TEST(Report, NeedsNothingButItself) {
         "docs/causes/cogging.md", "<summary>Suggested test</summary>",
         "It could also be an error of the encoder", "prefers-color-scheme:dark"})
     EXPECT_NE(page.find(inside), std::string::npos) << inside;
+  // What the position names is not said again; nor is the limit, which has a sentence of its own.
+  TorqueDiagnosis torque;
+  for (const char* id : {"cogging", "backlash", "torque_saturation"})
+    torque.causes.emplace_back().id = id;
+  one.diagnosis.at_limit = "190 N in 6 moments";
+  const std::string with_torque = report_html(one.diagnosis, {one.segment}, "a.csv", torque);
+  EXPECT_THAT(with_torque, HasSubstr(" The torque shows play (backlash)."));
+  EXPECT_THAT(with_torque, HasSubstr("<h2>Torque</h2>"));
   const std::size_t nan = page.find("nan");
   EXPECT_EQ(nan, std::string::npos) << page.substr(nan < 80 ? 0 : nan - 80, 120);
   std::size_t pictures = 0;
