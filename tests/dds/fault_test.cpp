@@ -94,7 +94,8 @@ TEST_F(Faults, FramesWithAnotherNumberOfAxesAreIgnoredAndToldOf) {
   two.axes[1] = two.axes[0];
   ASSERT_TRUE(frames_.write(two));
   EXPECT_FALSE(predictions_.receive(prediction_, 0.3));
-  EXPECT_TRUE(daemon_.says("1 frame ignored for lack of the axis of the machine")) << daemon_.said();
+  EXPECT_TRUE(daemon_.says("1 frame ignored for lack of the axis of the machine"))
+      << daemon_.said();
   EXPECT_EQ(after(next()), AxisState::kPredicting) << "nothing was lost by it";
   EXPECT_TRUE(status_has([](const MachineStatus& now) { return now.malformed == 1; }));
 }
