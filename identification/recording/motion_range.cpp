@@ -5,12 +5,11 @@
 #include <cmath>
 #include <numbers>
 #include <sstream>
-
 #include <utility>
 #include <vector>
-#include "twin/effect.h"
 
 #include "identification/recording/order_statistics.h"
+#include "twin/effect.h"
 
 namespace servotwin {
 
