@@ -31,8 +31,9 @@ bool within(double value, double lower, double upper) { return lower <= value &&
 std::string outside(std::string_view effect, const Parameter& given, double value, double stretch) {
   const Parameter parameter = stretched(given, stretch);
   if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
-  return say("effects[", effect, "].", parameter.name, " = ", value, " ", parameter.unit,
-             " is outside ", parameter.lower, " .. ", parameter.upper);
+  // Its unit is that of the model file: a model does not tell whether it is rotary.
+  return say("effects[", effect, "].", parameter.name, " = ", value, " is outside ",
+             parameter.lower, " .. ", parameter.upper);
 }
 
 }  // namespace

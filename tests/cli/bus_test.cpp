@@ -94,7 +94,7 @@ TEST(Replay, IsTheMachineThatMadeTheRecording) {
   const Answer answer = replay.answer();
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.err, IsEmpty());
-  EXPECT_THAT(answer.out, HasSubstr("149 rows at 100 Hz, axes X"));
+  EXPECT_THAT(answer.out, HasSubstr("149 rows at 100 Hz, axis X"));
   EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
 }
 
