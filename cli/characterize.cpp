@@ -186,7 +186,7 @@ void require_better(ModelRecord& record, const std::filesystem::path& file,
                              "with 'servotwin identify --method joint'. The file is unchanged");
   }
   record.training = record.holdout = {};  // they belong to the replaced friction
-  record.noise_floor_rms = kAbsent;
+  record.noise_floor = {};
 }
 
 struct Characterized {

@@ -69,7 +69,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                   text("   (hold-out, after %.4g s: not seen by the fit)",
                        diagnosis.baseline.training_to_s));
   say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
-  say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
+  say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor, rotary));
   if (!diagnosis.at_limit.empty())
     say(people, "at limit    the motor is at " + diagnosis.at_limit + ": the loop is identified " +
                     (diagnosis.limit_left_out

@@ -87,7 +87,7 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
   if (!record.excitation.empty())
     return "good for motion like this: " + share +
            "; other motion may be predicted worse, since not all of the model was excited";
-  if (record.noise_floor_rms > 0.0 && left > kMaxRmsOverFloorForDeviations * record.noise_floor_rms)
+  if (record.noise_floor.rms > 0.0 && left > kMaxRmsOverFloorForDeviations * record.noise_floor.rms)
     return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
   return "good: " + share + ", little more than the noise";
 }
@@ -123,11 +123,11 @@ void say_result(std::FILE* people, const Identified& identified,
                       "friction level are below half of their values");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
-  if (record.method != "full-ls" && record.noise_floor_rms > 0.0 &&
-      record.training.rms > kMaxRmsOverFloorForDeviations * record.noise_floor_rms) {
+  if (record.method != "full-ls" && record.noise_floor.rms > 0.0 &&
+      record.training.rms > kMaxRmsOverFloorForDeviations * record.noise_floor.rms) {
     say(people, text("note        the residual is %.0f times the noise floor: +- covers random "
                      "scatter only; unmodelled effects bias the estimates",
-                     record.training.rms / record.noise_floor_rms));
+                     record.training.rms / record.noise_floor.rms));
   }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
   say(people, "verdict     " + verdict_text(identified, segments));

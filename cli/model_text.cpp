@@ -127,10 +127,13 @@ std::string figures_text(const ErrorFigures& figures, bool rotary) {
               micro(rotary));
 }
 
-std::string noise_floor_text(double rms, bool rotary) {
+std::string noise_floor_text(const RmsEstimate& floor, bool rotary) {
   // A file may hold 0; a floor of 0 means that it could not be measured from the recording.
-  if (!(std::isfinite(rms) && rms > 0.0)) return "not known";
-  return text("%9.3f %s RMS", 1e6 * rms, micro(rotary));
+  if (!(std::isfinite(floor.rms) && floor.rms > 0.0)) return "not known";
+  std::string out = text("%9.3f %s RMS", 1e6 * floor.rms, micro(rotary));
+  if (std::isfinite(floor.low) && std::isfinite(floor.high))
+    out += text(" (%.3f to %.3f)", 1e6 * floor.low, 1e6 * floor.high);
+  return out;
 }
 
 std::vector<std::string> parameter_lines(const ModelRecord& record) {
@@ -161,7 +164,7 @@ std::vector<std::string> fit_lines(const ModelRecord& record, Times times) {
                   span(record.from_s, record.training_to_s, "fitted"));
   lines.push_back("hold-out    " + figures_text(record.holdout, record.rotary) +
                   span(record.training_to_s, record.to_s, "not seen by the fit"));
-  lines.push_back("noise floor " + noise_floor_text(record.noise_floor_rms, record.rotary));
+  lines.push_back("noise floor " + noise_floor_text(record.noise_floor, record.rotary));
   if (std::isfinite(record.condition_number)) {
     lines.push_back(text("condition   %9.4g of the regressors (%s, s)", record.condition_number,
                          milli(record.rotary)));

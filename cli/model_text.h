@@ -24,7 +24,7 @@ enum class Times { kOfRecording, kNone };
 
 /// "1.532 um RMS  9.87 um MAX".
 [[nodiscard]] std::string figures_text(const ErrorFigures& figures, bool rotary);
-/// "0.029 um RMS", or "not known".
-[[nodiscard]] std::string noise_floor_text(double rms, bool rotary);
+/// "0.029 um RMS (0.028 to 0.031)", or "not known".
+[[nodiscard]] std::string noise_floor_text(const RmsEstimate& floor, bool rotary);
 
 }  // namespace servotwin::cli

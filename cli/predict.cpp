@@ -49,7 +49,7 @@ struct PredictedAxis {
   bool overlaps_training = false;
   ErrorFigures all;
   std::vector<Judged> judged;
-  double noise_floor_rms = kAbsent;
+  RmsEstimate noise_floor;
 };
 
 /// Over the same rows [m].
@@ -83,7 +83,8 @@ json result_of(const PredictedAxis& one) {
   return {{"axis", one.axis.axis},
           {"rms_m", number_or_null(one.all.rms)},
           {"max_m", number_or_null(one.all.max)},
-          {"noise_floor_rms_m", number_or_null(one.noise_floor_rms)},
+          {"noise_floor_rms_m", number_or_null(one.noise_floor.rms)},
+          {"noise_floor_interval_m", interval_or_null(one.noise_floor)},
           {"overlaps_training", one.overlaps_training},
           {"segments", segments}};
 }
@@ -248,7 +249,7 @@ PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording&
                               ? segment.size() - starting_state_samples(out.model, segment)
                               : 0});
   }
-  out.noise_floor_rms = noise_floor(axis.segments).rms;
+  out.noise_floor = noise_floor(axis.segments);
   return out;
 }
 
@@ -266,7 +267,7 @@ void print(const PredictedAxis& one, std::FILE* people) {
                                                : "too short for an initial state, not evaluated"));
   }
   say(people, "all                    " + figures_text(one.all, rotary));
-  say(people, "noise floor            " + noise_floor_text(one.noise_floor_rms, rotary));
+  say(people, "noise floor            " + noise_floor_text(one.noise_floor, rotary));
   if (const double error = tracking_error_rms(one.model, one.axis.segments); one.all.rms > error) {
     say(people, text("note: the tracking error itself is %s RMS only: this model predicts worse "
                      "than none. Are the columns of command and encoder exchanged, is it another "

@@ -382,7 +382,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   out.baseline = discretised;
   out.earlier_rms = earlier.holdout.rms;
   const NoiseFloor floor = noise_floor(axis.segments);
-  out.baseline.noise_floor_rms = floor.rms;
+  out.baseline.noise_floor = floor;
   std::vector<Segment> segments = axis.segments;
   std::vector<Eigen::ArrayXd> residuals;
   for (const Segment& s : segments)

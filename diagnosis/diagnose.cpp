@@ -434,7 +434,7 @@ std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const Segment
   SecondAttempt next{"repeated", options};
   const double before = options.identify.training_share.value_or(training_share_of(axis.segments));
   const double share =
-      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms, before);
+      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor.rms, before);
   if (options.balance && share != before) {
     next.words += text(" with %.0f %% of the time as training data", 100.0 * share);
     next.options.identify.training_share = share;

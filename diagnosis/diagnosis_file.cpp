@@ -167,7 +167,8 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
        {{"rms_m", number_or_null(diagnosis.baseline.holdout.rms)},
         {"max_m", number_or_null(diagnosis.baseline.holdout.max)},
         {"training_to_s", diagnosis.baseline.training_to_s},
-        {"noise_floor_rms_m", number_or_null(diagnosis.baseline.noise_floor_rms)}}},
+        {"noise_floor_rms_m", number_or_null(diagnosis.baseline.noise_floor.rms)},
+        {"noise_floor_interval_m", interval_or_null(diagnosis.baseline.noise_floor)}}},
       {"extended",
        {{"rms_m", number_or_null(diagnosis.extended.holdout.rms)},
         {"max_m", number_or_null(diagnosis.extended.holdout.max)}}},
@@ -193,7 +194,7 @@ std::string verdict_of_loop(const Diagnosis& diagnosis) {
   constexpr double kMaxRmsRatioOfImprovement = 0.995;  // less is not seen in three digits
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms,
-               floor = 1e6 * diagnosis.baseline.noise_floor_rms;
+               floor = 1e6 * diagnosis.baseline.noise_floor.rms;
   const char* unit = micro(diagnosis.baseline.rotary);
   const std::string noise =
       std::isfinite(floor) ? text("noise floor %.2g", floor) : std::string("noise floor not known");

@@ -335,11 +335,15 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
         text("%s%.1f Hz at %.2g %s", &peak == &diagnosis.peaks.front() ? "Spectral lines: " : ", ",
              peak.frequency_hz, 1e6 * peak.amplitude, unit);
   out += diagnosis.peaks.empty() ? "The residual has no significant spectral line.</p>" : ".</p>";
-  if (std::isfinite(diagnosis.baseline.noise_floor_rms))
+  if (const RmsEstimate& floor = diagnosis.baseline.noise_floor; std::isfinite(floor.rms)) {
     out += text(
         "<p>The noise floor of the recording, the lowest error that any model can reach, is "
-        "%.2g %s RMS.</p>",
-        1e6 * diagnosis.baseline.noise_floor_rms, unit);
+        "%.2g %s RMS",
+        1e6 * floor.rms, unit);
+    if (std::isfinite(floor.low) && std::isfinite(floor.high))
+      out += text(" (%.2g to %.2g)", 1e6 * floor.low, 1e6 * floor.high);
+    out += ".</p>";
+  }
   return folded("What the model still leaves of the error", out);
 }
 

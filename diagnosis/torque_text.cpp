@@ -232,7 +232,11 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
 json torque_alone(const TorqueDiagnosis& torque, const std::string& reason) {
   json out = {{"schema", "servotwin.diagnosis/1"},
               {"axis", torque.axis},
-              {"baseline", {{"rms_m", json()}, {"max_m", json()}, {"noise_floor_rms_m", json()}}},
+              {"baseline",
+               {{"rms_m", json()},
+                {"max_m", json()},
+                {"noise_floor_rms_m", json()},
+                {"noise_floor_interval_m", json()}}},
               {"extended", {{"rms_m", json()}, {"max_m", json()}}},
               {"verdict", "nothing_significant"},
               {"causes", json::array()},

@@ -90,7 +90,7 @@ struct Prediction {
   bool rotary = false;
   std::vector<Part> parts;
   ErrorFigures all;
-  double noise_floor_rms = kAbsent;
+  RmsEstimate noise_floor;
 };
 
 Prediction predicted(const ModelOfAxis& model, const Axis& axis) {
@@ -115,7 +115,7 @@ Prediction predicted(const ModelOfAxis& model, const Axis& axis) {
                              std::to_string(starting_state_s(at)) +
                              " s that the starting state is estimated from");
   for (const Segment& s : of.segments) out.parts.push_back({s, simulate(at, s), judge(at, {s})});
-  out.noise_floor_rms = noise_floor(of.segments).rms;
+  out.noise_floor = noise_floor(of.segments);
   return out;
 }
 
@@ -191,7 +191,11 @@ void bind_model(py::module_& module) {
                     (p.parts.size() == 1 ? " segment>" : " segments>");
            })
       .def_property_readonly("max", [](const Prediction& p) { return p.all.max; })
-      .def_readonly("noise_floor_rms", &Prediction::noise_floor_rms)
+      .def_property_readonly("noise_floor_rms",
+                             [](const Prediction& p) { return p.noise_floor.rms; })
+      .def_property_readonly(
+          "noise_floor_interval",
+          [](const Prediction& p) { return std::pair(p.noise_floor.low, p.noise_floor.high); })
       .def_property_readonly(
           "segments",
           [](const Prediction& p) -> const std::vector<Prediction::Part>& { return p.parts; },
@@ -286,7 +290,12 @@ void bind_model(py::module_& module) {
       .def_property_readonly("holdout_max",
                              [](const Identified& i) { return i.record.holdout.max; })
       .def_property_readonly("noise_floor_rms",
-                             [](const Identified& i) { return i.record.noise_floor_rms; })
+                             [](const Identified& i) { return i.record.noise_floor.rms; })
+      .def_property_readonly("noise_floor_interval",
+                             [](const Identified& i) {
+                               return std::pair(i.record.noise_floor.low,
+                                                i.record.noise_floor.high);
+                             })
       .def(
           "to_dict", [](const Identified& i) { return object_of(to_json(i)); },
           "What `servotwin identify --json` writes.")

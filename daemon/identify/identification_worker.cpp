@@ -59,12 +59,12 @@ std::string with_origin(const std::string& reason, const std::string& because) {
   return because.empty() ? reason : reason + "; " + because;
 }
 
-/// The larger noise floor of standstill and motion [m | rad]; NaN without stored motion.
-double noise_floor_of(const EvidenceMemory& evidence) {
+/// The larger noise floor of standstill and motion; NaN without stored motion.
+RmsEstimate noise_floor_of(const EvidenceMemory& evidence) {
   const NoiseFloor motion =
       noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
   const NoiseFloor standing = noise_floor(evidence.kept({Evidence::kStandstill}));
-  return standing.standstill_rms > motion.rms ? standing.standstill_rms : motion.rms;
+  return standing.white.rms > motion.rms ? standing.white : motion;
 }
 
 }  // namespace
@@ -320,19 +320,19 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
     state.last_step = std::string("noise floor at standstill not measured: ") + error.what();
     return;
   }
-  const double floor = noise_floor_of(state.evidence);
-  double& known = state.in_force->record.noise_floor_rms;
+  const RmsEstimate floor = noise_floor_of(state.evidence);
+  RmsEstimate& known = state.in_force->record.noise_floor;
   const std::string version = "model " + std::to_string(state.in_force->record.version);
-  if (!std::isfinite(floor)) {
+  if (!std::isfinite(floor.rms)) {
     state.last_step =
         "standstill: the noise floor of " + version + " is unchanged, no motion is stored";
     return;
   }
   state.last_step = "standstill: noise floor of " + version + " " +
-                    micro_text(floor, state.rotary, 3) + ", no fit";
-  if (std::abs(floor - known) <= kNoiseFloorTolerance * known) return;
+                    micro_text(floor.rms, state.rotary, 3) + ", no fit";
+  if (std::abs(floor.rms - known.rms) <= kNoiseFloorTolerance * known.rms) return;
   const std::string before =
-      std::isfinite(known) ? ", was " + micro_text(known, state.rotary, 3) : "";
+      std::isfinite(known.rms) ? ", was " + micro_text(known.rms, state.rotary, 3) : "";
   known = floor;
   events_.note("noise_floor", state.name, state.last_step + before);
 }

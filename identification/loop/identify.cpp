@@ -351,7 +351,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.from_s = axis.segments.front().start_s;
   record.to_s = axis.segments.back().end_s();
   record.training_to_s = training.back().end_s();
-  record.noise_floor_rms = noise_floor(axis.segments).rms;
+  record.noise_floor = noise_floor(axis.segments);
   const Excitation excitation = excitation_of(training);
   record.excitation = missing_motion(excitation, axis.rotary);
 

@@ -319,7 +319,8 @@ json to_json(const ModelRecord& record) {
            {{"method", record.method},
             {"training", figures(record.training)},
             {"holdout", figures(record.holdout)},
-            {"noise_floor_rms_m", number_or_null(record.noise_floor_rms)},
+            {"noise_floor_rms_m", number_or_null(record.noise_floor.rms)},
+            {"noise_floor_interval_m", interval_or_null(record.noise_floor)},
             {"condition_number", number_or_null(record.condition_number)},
             {"time_taken_s", number_or_null(record.time_taken_s)}}},
           {"data",
@@ -447,7 +448,13 @@ ModelRecord model_from_json(const json& j) {
   const json fit = j.value("fit", json::object());
   record.training = figures_from(fit, "training");
   record.holdout = figures_from(fit, "holdout");
-  record.noise_floor_rms = optional(fit, "noise_floor_rms_m");
+  record.noise_floor.rms = optional(fit, "noise_floor_rms_m");
+  if (const json interval = fit.value("noise_floor_interval_m", json());
+      interval.is_array() && interval.size() == 2 && interval[0].is_number() &&
+      interval[1].is_number()) {
+    record.noise_floor.low = interval[0].get<double>();
+    record.noise_floor.high = interval[1].get<double>();
+  }
   record.condition_number = optional(fit, "condition_number");
   record.time_taken_s = optional(fit, "time_taken_s");
   if (fit.contains("method") && fit["method"].is_string())

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "identification/recording/motion_range.h"
+#include "identification/recording/noise_floor.h"
 #include "twin/loop_covariance.h"
 #include "twin/model.h"
 #include "twin/sample.h"
@@ -46,7 +47,7 @@ struct ModelRecord {
 
   std::string method;              ///< pole-search | full-ls | joint | diagnosis
   ErrorFigures training, holdout;  ///< free simulation; holdout on data the fit has not seen
-  double noise_floor_rms = kAbsent;
+  RmsEstimate noise_floor;
   double condition_number = kAbsent;  ///< of the regressors in mm and s, as the thesis prints it
   double time_taken_s = kAbsent;
 

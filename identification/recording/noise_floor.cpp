@@ -1,21 +1,18 @@
 #include "identification/recording/noise_floor.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <numeric>
 
 #include "identification/recording/order_statistics.h"
-#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kBlock_s = 0.25;
-constexpr Eigen::Index kCoefficientsOfCubic = 4;
-// Of a block at rest: as many again are left for its noise.
-constexpr Eigen::Index kFewestRows = 2 * kCoefficientsOfCubic;
+constexpr Eigen::Index kFewestRowsOfLaps = 200;
 
 /// The encoder's step: all readings, sorted by position, differ by multiples of it. Motion may be
 /// too fast to pass through single steps in time; somewhere on the axis two readings are a few
@@ -55,52 +52,135 @@ double encoder_step(const std::vector<Segment>& segments) {
   return 0.0;
 }
 
-/// Mean squares of blocks of a signal. Their median is the noise: a push at rest, or a lap that
-/// differs from the others, affects few blocks.
-class Pieces {
- public:
-  void add(const Eigen::ArrayXd& signal, Eigen::Index length) {
-    length = std::min(length, signal.size());
-    for (Eigen::Index at = 0; at + length <= signal.size(); at += length)
-      squares_.push_back(signal.segment(at, length).square().mean());
+/// Whether the recorder repeats readings of an axis that moves on: more equal neighbours than steps
+/// of this size between the others could leave.
+bool is_held(const Eigen::ArrayXd& block, double encoder_step) {
+  constexpr double kMinShareOfHeld = 0.1;
+  std::vector<double> steps;
+  for (Eigen::Index i = 1; i < block.size(); ++i) {
+    if (block(i) != block(i - 1)) steps.push_back(std::abs(block(i) - block(i - 1)));
   }
-  /// The same about the cubic of each block. An axis that settles or creeps while its command rests
-  /// moves along a curve; the cubic follows it, so that it does not count as noise.
-  void add_about_cubics(const Eigen::ArrayXd& signal, Eigen::Index length) {
-    const Eigen::VectorXd along = Eigen::VectorXd::LinSpaced(length, -1.0, 1.0);
-    Eigen::MatrixXd powers = Eigen::MatrixXd::Ones(length, kCoefficientsOfCubic);
-    for (Eigen::Index k = 1; k < powers.cols(); ++k)
-      powers.col(k) = powers.col(k - 1).cwiseProduct(along);
-    const Eigen::MatrixXd cubics = orthonormal_basis(powers);
-    for (Eigen::Index at = 0; at + length <= signal.size(); at += length) {
-      const Eigen::VectorXd block = signal.segment(at, length).matrix();
-      squares_.push_back((block - cubics * (cubics.transpose() * block)).squaredNorm() /
-                         static_cast<double>(length - kCoefficientsOfCubic));
+  const double held =
+      1.0 - static_cast<double>(steps.size()) / static_cast<double>(block.size() - 1);
+  return held > kMinShareOfHeld && held * median(steps) > encoder_step;
+}
+
+/// The white part of a signal. In the upper half of its band the motion of an axis is weakest; each
+/// frequency of each short block there shows the square of the noise, exponentially distributed,
+/// and what the motion, a tone, a push or a step of stick and slip adds to it.
+class White {
+ public:
+  void add(const Segment& segment, double encoder_step) {
+    for (Eigen::Index at = 0; at + kRows <= segment.size(); at += kBlock / 2) {
+      const Eigen::ArrayXd block = segment.actual.segment(at, kRows) - segment.actual(at);
+      if (is_held(block, encoder_step)) continue;
+      const Eigen::VectorXd parts = waves() * block.matrix();
+      // Of readings without noise, what the window and the rounding of numbers leave.
+      const double least = 1e-13 * segment.actual.segment(at, kRows).abs().maxCoeff();
+      for (Eigen::Index line = 0; line < kLines; ++line) {
+        const double square = parts.segment<2>(2 * line).squaredNorm();
+        if (square > least * least) squares_[static_cast<std::size_t>(line)].push_back(square);
+      }
     }
   }
-  [[nodiscard]] double rms() const {
-    return squares_.empty() ? std::nan("") : std::sqrt(median(squares_));
+  /// Of all lines; the interval holds those of the single lines, which would be the same but for
+  /// chance if nothing else were in the band.
+  [[nodiscard]] RmsEstimate rms() const {
+    std::vector<double> all;
+    for (const std::vector<double>& line : squares_)
+      all.insert(all.end(), line.begin(), line.end());
+    RmsEstimate out{std::sqrt(least_mean(std::move(all)))};
+    out.low = out.high = out.rms;
+    for (const std::vector<double>& line : squares_) {
+      const double one = std::sqrt(least_mean(line));
+      if (!std::isfinite(one)) return {};
+      out.low = std::min(out.low, one);
+      out.high = std::max(out.high, one);
+    }
+    return out;
   }
 
  private:
-  std::vector<double> squares_;
+  // Fourth differences leave nothing of a cubic, the path of an axis at limited jerk.
+  static constexpr Eigen::Index kDifferences = 4, kBlock = 32, kRows = kBlock + kDifferences;
+  // Periods a block: from a quarter of the sampling rate to just below the half of it.
+  static constexpr Eigen::Index kFirstLine = 8, kLines = 7;
+
+  /// Cosine and sine of each line under a Hann window, of fourth differences, for white noise of 1.
+  static const Eigen::MatrixXd& waves() {
+    static const Eigen::MatrixXd all = [] {
+      constexpr std::array<double, kDifferences + 1> kBinomial{1.0, -4.0, 6.0, -4.0, 1.0};
+      Eigen::MatrixXd out = Eigen::MatrixXd::Zero(2 * kLines, kRows);
+      for (Eigen::Index line = 0; line < kLines; ++line) {
+        for (Eigen::Index i = 0; i < kBlock; ++i) {
+          const double turn =
+              std::numbers::pi * (static_cast<double>(i) + 0.5) / static_cast<double>(kBlock);
+          const double angle = 2.0 * static_cast<double>(kFirstLine + line) * turn;
+          const double window = std::sin(turn) * std::sin(turn);
+          for (Eigen::Index k = 0; k <= kDifferences; ++k) {
+            const double weight = window * kBinomial[static_cast<std::size_t>(k)];
+            out(2 * line, i + k) += weight * std::cos(angle);
+            out(2 * line + 1, i + k) += weight * std::sin(angle);
+          }
+        }
+        out.middleRows<2>(2 * line) /= out.middleRows<2>(2 * line).norm();
+      }
+      return out;
+    }();
+    return all;
+  }
+
+  /// The mean of exponentially distributed values, some of which are larger for another reason:
+  /// from those below 1.5 times that mean, which is found from below.
+  static double least_mean(std::vector<double> values) {
+    constexpr std::size_t kFewest = 20;
+    constexpr double kCut = 1.5;  // larger: more of the noise, and of what is not
+    const double mean_below = 1.0 - kCut / std::expm1(kCut);
+    if (values.size() < kFewest) return kAbsent;
+    std::sort(values.begin(), values.end());
+    std::vector<double> sums(values.size() + 1, 0.0);
+    std::partial_sum(values.begin(), values.end(), sums.begin() + 1);
+    double mean = values[values.size() / 10] / -std::log(0.9);
+    for (int i = 0; i < 200; ++i) {
+      const auto below =
+          std::upper_bound(values.begin(), values.end(), kCut * mean) - values.begin();
+      const double next =
+          sums[static_cast<std::size_t>(below)] / (mean_below * static_cast<double>(below));
+      if (std::abs(next - mean) <= 1e-6 * mean) break;
+      mean = next;
+    }
+    return mean;
+  }
+
+  std::array<std::vector<double>, kLines> squares_;
 };
 
-void standstill(const Segment& s, Pieces& pieces) {
-  const auto settle = static_cast<Eigen::Index>(std::ceil(0.15 / s.sample_time_s));
-  const auto block =
-      std::max(kFewestRows, static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s)));
-  Eigen::Index begin = 0;
-  for (Eigen::Index i = 1; i <= s.size(); ++i) {
-    if (i < s.size() && s.command(i) == s.command(begin)) continue;
-    if (const Eigen::Index length = i - begin - settle; length >= block) {
-      // From the first reading on: readings that are all the same then leave 0, not its rounding.
-      pieces.add_about_cubics(s.actual.segment(begin + settle, length) - s.actual(begin + settle),
-                              block);
-    }
-    begin = i;
+/// What is left between laps in blocks of a quarter of a second: the median, since a lap that
+/// differs from the others affects few blocks.
+class Repeats {
+ public:
+  void add(const Eigen::ArrayXd& difference, double sample_time_s) {
+    const auto length =
+        std::min(static_cast<Eigen::Index>(std::ceil(kBlock_s / sample_time_s)), difference.size());
+    for (Eigen::Index at = 0; at + length <= difference.size(); at += length)
+      squares_.push_back(0.5 * difference.segment(at, length).square().mean());
   }
-}
+  /// The interval has a chance of 95 %: the ranks of a binomial count.
+  [[nodiscard]] RmsEstimate rms() {
+    if (squares_.empty()) return {};
+    std::sort(squares_.begin(), squares_.end());
+    const double count = static_cast<double>(squares_.size());
+    const auto of_rank = [&](double rank) {
+      return std::sqrt(squares_[static_cast<std::size_t>(std::clamp(rank, 0.0, count - 1.0))]);
+    };
+    return {of_rank(0.5 * count), of_rank(0.5 * count - 0.98 * std::sqrt(count)),
+            of_rank(0.5 * count + 0.98 * std::sqrt(count))};
+  }
+
+ private:
+  static constexpr double kBlock_s = 0.25;
+  std::vector<double> squares_;
+};
 
 /// The lap of a repeating command, in samples; 0 if it does not repeat.
 Eigen::Index lap_of(const Segment& s) {
@@ -137,25 +217,31 @@ Eigen::Index lap_of(const Segment& s) {
 NoiseFloor noise_floor(const std::vector<Segment>& segments) {
   NoiseFloor floor;
   floor.encoder_step = encoder_step(segments);
-  if (floor.encoder_step > 0.0) floor.rms = floor.encoder_step / std::sqrt(12.0);
-  Pieces at_rest, from_lap_to_lap;
+  White white;
+  Repeats repeats;
   for (const Segment& s : segments) {
-    if (s.size() < 200) continue;
-    standstill(s, at_rest);
+    white.add(s, floor.encoder_step);
+    if (s.size() < kFewestRowsOfLaps) continue;
     if (const Eigen::Index lap = lap_of(s); lap > 0) {
       const Eigen::ArrayXd error = s.command - s.actual;
       const Eigen::Index overlap = s.size() - lap;
-      from_lap_to_lap.add(error.tail(overlap) - error.head(overlap),
-                          static_cast<Eigen::Index>(std::ceil(kBlock_s / s.sample_time_s)));
+      repeats.add(error.tail(overlap) - error.head(overlap), s.sample_time_s);
       floor.lap_s = static_cast<double>(lap) * s.sample_time_s;
     }
   }
-  floor.standstill_rms = at_rest.rms();
-  floor.repeat_rms = from_lap_to_lap.rms() / std::numbers::sqrt2;
-  for (double value : {floor.standstill_rms, floor.repeat_rms}) {
-    // A record without any change is coarser than its noise, not free of noise.
-    if (value > 0.0 && !(value <= floor.rms)) floor.rms = value;
+  floor.white = white.rms();
+  // Noise of less than a quarter of a step does not make the rounding white: at rest it may not
+  // show at all, and while the axis moves on evenly it is a tone.
+  if (const double step = floor.encoder_step; step > 0.0) {
+    const double rounding = step / std::sqrt(12.0);
+    if (std::isfinite(floor.white.rms))
+      floor.white.high = std::max(floor.white.high, std::hypot(rounding, 0.25 * step));
+    for (double* value : {&floor.white.rms, &floor.white.low})
+      if (!(*value >= rounding)) *value = rounding;
   }
+  floor.repeats = repeats.rms();
+  const bool repeats_show_more = floor.repeats.rms > 0.0 && !(floor.repeats.rms <= floor.white.rms);
+  static_cast<RmsEstimate&>(floor) = repeats_show_more ? floor.repeats : floor.white;
   return floor;
 }
 

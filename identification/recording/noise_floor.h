@@ -1,12 +1,14 @@
 // The noise floor: the error that no model of this axis could predict.
 //
-//   from repeats:     RMS(e(t) - e(t + lap)) / sqrt(2) where the command repeats itself
-//   from standstill:  RMS of the encoder about cubics of 50 ms, at least 8 rows, while the command
-//                     rests
-//   from the encoder: step / sqrt(12)
+//   white part        what the readings have between a quarter and a half of the sampling rate,
+//                     where the motion of the axis is weakest: at rest and in motion, in blocks of
+//                     36 rows. Creep, drift, tones, pushes and settling are no noise. At least
+//                     step / sqrt(12), the rounding of the encoder
+//   from lap to lap   RMS(e(t) - e(t + lap)) / sqrt(2) where the command repeats itself: what no
+//                     model predicts from the command, white or not
 //
-// The noise floor is the largest of those that the recording contains. Each is a lower bound of the
-// residual of a perfect model.
+// The noise floor is the larger one. Noise that the drive has filtered out of the band above is not
+// seen. Source: docs/theory.md 8.
 #pragma once
 
 #include <vector>
@@ -15,12 +17,14 @@
 
 namespace servotwin {
 
-struct NoiseFloor {
-  double rms = kAbsent;  ///< the largest of the three below [m | rad], > 0; NaN if the recording
-                         ///< contains none
-  double encoder_step = 0.0;  ///< 0: not found
-  double standstill_rms = kAbsent;
-  double repeat_rms = kAbsent;
+/// An RMS value with the interval that holds the true one with 95 % [m | rad]; NaN: not known.
+struct RmsEstimate {
+  double rms = kAbsent, low = kAbsent, high = kAbsent;
+};
+
+struct NoiseFloor : RmsEstimate {  ///< the larger one of `white` and `repeats`, > 0
+  double encoder_step = 0.0;       ///< 0: not found
+  RmsEstimate white, repeats;
   double lap_s = kAbsent;  ///< after which the command repeats
 };
 

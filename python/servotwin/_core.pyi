@@ -56,6 +56,7 @@ class Prediction:
     rms: float
     max: float
     noise_floor_rms: float
+    noise_floor_interval: tuple[float, float]
     segments: list[PredictedSegment]
     time: _Array
     predicted_error: _Array
@@ -85,6 +86,7 @@ class Identification:
     holdout_rms: float
     holdout_max: float
     noise_floor_rms: float
+    noise_floor_interval: tuple[float, float]
     def to_dict(self) -> dict[str, Any]: ...
 
 class Diagnosis:

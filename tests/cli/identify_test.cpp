@@ -137,7 +137,10 @@ TEST_F(Identify, TheResultSaysHowItCameAbout) {
   EXPECT_GT(result["fit"]["time_taken_s"].get<double>(), 0.0);
   EXPECT_GT(result["fit"]["condition_number"].get<double>(), 1.0);
   EXPECT_GT(result["fit"]["training"]["rms_m"].get<double>(), 0.0);
-  EXPECT_GT(result["fit"]["noise_floor_rms_m"].get<double>(), 0.0);
+  const double floor = result["fit"]["noise_floor_rms_m"].get<double>();
+  EXPECT_GT(floor, 0.0);
+  EXPECT_LE(result["fit"]["noise_floor_interval_m"][0].get<double>(), floor);
+  EXPECT_GE(result["fit"]["noise_floor_interval_m"][1].get<double>(), floor);
   EXPECT_EQ(result["data"]["source"], "rec.csv");
   EXPECT_EQ(result["data"]["rows"], 12001);
   double fastest = 0.0;  // of the motion it was recorded from
@@ -379,7 +382,7 @@ TEST_F(Predict, SaysWhereTheModelWasFittedToThisRecording) {
 }
 
 TEST_F(Predict, ANoiseFloorThatIsNotShownIsNotKnown) {
-  // 0.1 s of motion: neither a rest nor a lap, and too few readings to see a step of the encoder.
+  // 0.1 s of motion: too few readings to see noise or a step of the encoder, and no lap.
   const Answer answer = servotwin_says({"predict", recording_, "--axis", "X", "--model", model_,
                                         "--from", "3", "--to", "3.08", "--json", "-"});
   ASSERT_EQ(answer.status, 0) << answer;

@@ -69,7 +69,7 @@ TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::kExplained;
   diagnosis.causes.resize(2);
-  diagnosis.baseline.noise_floor_rms = 1.3e-7;
+  diagnosis.baseline.noise_floor.rms = 1.3e-7;
   diagnosis.baseline.holdout.rms = diagnosis.extended.holdout.rms = 7.33e-7;
   EXPECT_EQ(
       verdict_text(diagnosis),

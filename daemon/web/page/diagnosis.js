@@ -21,10 +21,12 @@ export async function showDiagnosis(axis, rotary) {
   }
   const [{ time, reason, diagnosis }] = diagnoses;
   const { baseline, extended, causes } = diagnosis;
+  const floor = baseline.noise_floor_interval_m;
   fill(at("verdict"), make("b", {}, kVerdicts[diagnosis.verdict] ?? diagnosis.verdict),
     make("p", {}, `The residual of the simulation is ${error(baseline.rms_m, rotary)} RMS on held-out motion` +
       (causes.length > 0 ? `, and ${error(extended.rms_m, rotary)} with the causes named below` : "") +
-      `; the noise floor is ${error(baseline.noise_floor_rms_m, rotary)}.`),
+      `; the noise floor is ${error(baseline.noise_floor_rms_m, rotary)}` +
+      (floor ? ` (${error(floor[0], rotary)} to ${error(floor[1], rotary)}).` : ".")),
     make("p", {}, `${clock(time)}, ${reason}`));
   fill(at("causes"), ...causes.map((cause) => causeItem(cause, rotary)));
   fill(at("doubt"), ...doubts(diagnosis));

@@ -200,6 +200,18 @@ TEST(ModelFile, TheMotionItWasFoundOnIsOptional) {
                                    {"data.motion.speed_m_per_s", "-1"});
 }
 
+TEST(ModelFile, TheIntervalOfTheNoiseFloorIsOptional) {
+  json file = valid();
+  file["fit"]["noise_floor_interval_m"] = {2e-8, 3e-8};
+  const ModelRecord record = model_from_json(file);
+  EXPECT_EQ(record.noise_floor.low, 2e-8);
+  EXPECT_EQ(record.noise_floor.high, 3e-8);
+  EXPECT_EQ(to_json(record)["fit"]["noise_floor_interval_m"],
+            file["fit"]["noise_floor_interval_m"]);
+  file["fit"].erase("noise_floor_interval_m");
+  EXPECT_TRUE(std::isnan(model_from_json(file).noise_floor.low)) << "a file from before";
+}
+
 // x = a sin(w t), read in steps of 1 um.
 TEST(MotionRange, IsTheSpeedAndAccelerationOfAMotionThatIsReadInSteps) {
   Segment segment;
