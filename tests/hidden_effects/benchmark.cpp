@@ -17,6 +17,7 @@
 
 #include "identification/least_squares/parallel.h"
 #include "tests/hidden_effects/changes.h"
+#include "tests/hidden_effects/floors.h"
 #include "tests/hidden_effects/score.h"
 
 namespace {
@@ -28,7 +29,7 @@ struct Options {
   int cases = 4, clean = 20, pairs = 20, faint = 1, blind = 2, outside = 0, changed = 0, first = 0;
   std::vector<std::string> effects;
   std::vector<std::string> leave_out;
-  int jobs = 1;
+  int jobs = 1, floor = 0;
   bool gaps = false;
   Torque torque = Torque::kHalf;
   std::string list, write;
@@ -122,7 +123,6 @@ std::vector<Outcome> run(const Options& options) {
     list.open(options.list);
     if (!list) throw std::runtime_error("cannot write " + options.list);
   }
-  if (!options.write.empty()) std::filesystem::create_directories(options.write);
   const auto work = [&] {
     for (std::size_t i; (i = next++) < jobs.size();) {
       try {
@@ -160,6 +160,18 @@ std::vector<Outcome> run(const Options& options) {
   return outcomes;
 }
 
+/// The noise floors of that many machines.
+void print_noise_floors(const Options& options) {
+  const Part part = options.part == "dev" ? Part::kDev : Part::kTest;
+  std::vector<FloorOfCase> floors;
+  for (int i = 0; i < options.floor; ++i) {
+    const Case made = case_of_floor(part, options.first + i);
+    if (!options.write.empty()) write(made, options.write);
+    floors.push_back(floor_of(made));
+  }
+  print_floors(floors, std::cout);
+}
+
 int run(int argc, char** argv) {
   CLI::App app{"Hides effects in recordings and counts how often the diagnosis names them."};
   Options options;
@@ -189,6 +201,9 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(1, 256));
   app.add_flag("--gaps", options.gaps,
                "for every clear case also: does the twin represent it, does the search find it");
+  app.add_option("--floor", options.floor,
+                 "instead: the noise floors found on so many machines of all kinds")
+      ->check(count);
   app.add_option("--torque", options.torque,
                  "recordings that contain the torque: none, half (default) or all")
       ->transform(CLI::CheckedTransformer(std::map<std::string, Torque>{
@@ -196,6 +211,11 @@ int run(int argc, char** argv) {
   app.add_option("--list", options.list, "file for one line about every case");
   app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);
+  if (!options.write.empty()) std::filesystem::create_directories(options.write);
+  if (options.floor > 0) {
+    print_noise_floors(options);
+    return 0;
+  }
   const std::vector<Outcome> outcomes = run(options);
   print_scores(outcomes, options.leave_out, std::cout);
   print_gaps(outcomes, std::cout);

@@ -196,6 +196,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
                           .observable = !wish.blind});
   }
 
+  out.reading_rms = noise_rms(recorded);
   out.own = own_effects(scene.rig);
   out.sample_time_s = scene.rig.reading.sample_time;
   out.machine = describe(scene.rig);

@@ -47,10 +47,12 @@ struct Case {
   std::uint64_t seed = 0;
   std::vector<Truth> hidden;
   std::vector<std::string> own;
-  double sample_time_s = 0.0, noise_rms = 0.0;
-  int draws = 1;        ///< number of machines drawn until one reached the class
-  std::string machine;  ///< description in one line
-  bool torque = false;  ///< it is recorded
+  double sample_time_s = 0.0;
+  double noise_rms = 0.0;    ///< of the encoder's noise and step, and of the torque's noise [m]
+  double reading_rms = 0.0;  ///< of the encoder's noise and step alone [m]
+  int draws = 1;             ///< number of machines drawn until one reached the class
+  std::string machine;       ///< description in one line
+  bool torque = false;       ///< it is recorded
   /// time[s],X.command[mm],X.actual[mm], with X.torque where it is recorded, and the same of Y.
   std::string csv;
 
