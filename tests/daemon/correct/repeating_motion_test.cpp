@@ -12,25 +12,26 @@
 #include <random>
 
 #include "drivers/recording_file.h"
+#include "tests/daemon/support.h"
 
 namespace servotwin::daemon {
 namespace {
 
 using testing::ElementsAre;
 
-constexpr double kCycle_s = 1e-3, kTolerance = 2e-6;
+constexpr double kTolerance = 2e-6;
 constexpr std::size_t kEnd = 100;  // rows that a part rests at its ends, if the pause is as long
 
 /// Commands of two axes, to the increment of 0.1 um, as a control sends them.
-class Path {
+class Commands {
  public:
-  Path() { rest(50); }
-  Path& rest(std::size_t rows) {
+  Commands() { rest(50); }
+  Commands& rest(std::size_t rows) {
     for (std::size_t k = 0; k < rows; ++k) add(x_, y_);
     return *this;
   }
   /// Row by row from one point to another; `rows`: those with motion.
-  Path& to(double x, double y, std::size_t rows) {
+  Commands& to(double x, double y, std::size_t rows) {
     const double from_x = x_, from_y = y_;
     for (std::size_t k = 1; k <= rows; ++k) {
       const double share = static_cast<double>(k) / static_cast<double>(rows);
@@ -41,7 +42,7 @@ class Path {
     return *this;
   }
   /// One turn of a circle through the present point.
-  Path& turn(double radius, std::size_t rows) {
+  Commands& turn(double radius, std::size_t rows) {
     for (std::size_t k = 1; k <= rows; ++k) {
       const double angle =
           2.0 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(rows);
@@ -79,13 +80,13 @@ class Path {
 
 /// 0.5 s out, 0.2 s of pause, a turn of 1 s, 0.05 s of pause, 0.4 s back: 2.15 s without a rest of
 /// differing length.
-void part(Path& path) {
+void part(Commands& path) {
   path.to(0.05, 0.02, 500).rest(200).turn(0.01, 1000).rest(50).to(0.0, 0.0, 400);
 }
 constexpr std::size_t kPartRows = 500 + 200 + 1000 + 50 + 400;
 
 TEST(RepeatingMotion, TheBeginsAndThePartAreThoseOfThePathWhateverThePausesBetween) {
-  Path path;
+  Commands path;
   std::vector<std::size_t> begins;
   for (const std::size_t pause : {700U, 731U, 1502U, 12'000U}) {
     begins.push_back(path.rows());
@@ -103,7 +104,7 @@ TEST(RepeatingMotion, TheBeginsAndThePartAreThoseOfThePathWhateverThePausesBetwe
 }
 
 TEST(RepeatingMotion, WithPausesThatAreAllTheSameItBeginsAfterTheLongest) {
-  Path path;
+  Commands path;
   path.turn(0.01, 1000).rest(50).to(-0.05, -0.02, 400).to(0.0, 0.0, 500).rest(260);
   std::vector<std::size_t> begins;
   for (int i = 0; i < 5; ++i) {
@@ -122,7 +123,7 @@ TEST(RepeatingMotion, WithPausesThatAreAllTheSameItBeginsAfterTheLongest) {
 }
 
 TEST(RepeatingMotion, ItBeginsAfterAPauseThatDiffersThoughALongerOneIsWithin) {
-  Path path;
+  Commands path;
   std::vector<std::size_t> begins;
   for (const std::size_t pause : {700U, 731U, 702U, 640U}) {
     begins.push_back(path.rows());
@@ -137,7 +138,7 @@ TEST(RepeatingMotion, ItBeginsAfterAPauseThatDiffersThoughALongerOneIsWithin) {
 
 // Pauses that last for long are shortened to this by who keeps the record.
 TEST(RepeatingMotion, ALongPauseDividesItAsOneThatDiffers) {
-  Path path;
+  Commands path;
   for (const std::size_t pause : {700U, 731U, 702U, 640U})
     path.to(0.05, 0.02, 500).rest(10'000).to(0.0, 0.0, 400).rest(pause);
   const std::optional<RepeatingMotion> found = path.found();
@@ -147,7 +148,7 @@ TEST(RepeatingMotion, ALongPauseDividesItAsOneThatDiffers) {
 
 // The repetition that begins after the pause that differs is there twice until the third has ended.
 TEST(RepeatingMotion, RepetitionsAreWholeOnes) {
-  Path path;
+  Commands path;
   path.to(0.05, 0.0, 500).rest(300).to(0.0, 0.0, 400);
   for (const std::size_t pause : {700U, 731U}) {
     path.rest(pause).to(0.05, 0.0, 500).rest(300).to(0.0, 0.0, 400);
@@ -162,7 +163,7 @@ TEST(RepeatingMotion, RepetitionsAreWholeOnes) {
 }
 
 TEST(RepeatingMotion, WhatIsTwiceInARepetitionIsNoRepetition) {
-  Path path;
+  Commands path;
   std::vector<std::size_t> begins;
   const auto way = [&path] {
     path.to(0.05, 0.0, 500).rest(300).turn(0.01, 800).rest(50).turn(0.01, 800).rest(50);
@@ -180,7 +181,7 @@ TEST(RepeatingMotion, WhatIsTwiceInARepetitionIsNoRepetition) {
 }
 
 TEST(RepeatingMotion, ThatAnotherAxisMovesAsWellMakesItAnother) {
-  Path path;
+  Commands path;
   for (const std::size_t pause : {700U, 731U, 1502U})
     path.to(0.04, 0.0, 600).rest(200).to(0.0, 0.0, 500).rest(pause);
   ASSERT_TRUE(path.found());
@@ -192,7 +193,7 @@ TEST(RepeatingMotion, ThatAnotherAxisMovesAsWellMakesItAnother) {
 
 TEST(RepeatingMotion, AStopTooShortForAPauseBelongsToTheMove) {
   for (const std::size_t stop : {8U, 9U}) {
-    Path path;
+    Commands path;
     for (const std::size_t pause : {700U, 731U, 1502U})
       path.to(0.05, 0.0, 500).rest(pause == 731U ? stop : 9).to(0.0, 0.0, 400).rest(pause);
     EXPECT_EQ(path.found().has_value(), stop == 9);
@@ -200,7 +201,7 @@ TEST(RepeatingMotion, AStopTooShortForAPauseBelongsToTheMove) {
 }
 
 TEST(RepeatingMotion, APauseThatDiffersWithinDividesItIntoParts) {
-  Path path;
+  Commands path;
   std::vector<std::size_t> begins;
   for (const std::size_t pause : {30U, 31U, 45U, 30U}) {
     begins.push_back(path.rows());
@@ -218,7 +219,7 @@ TEST(RepeatingMotion, APauseThatDiffersWithinDividesItIntoParts) {
 }
 
 TEST(RepeatingMotion, AWarmUpBeforeAndAMoveThatIsNotOverDoNotCount) {
-  Path path;
+  Commands path;
   path.to(0.03, 0.0, 300).rest(400).to(0.0, 0.0, 700).rest(80).turn(0.02, 900).rest(500);
   std::vector<std::size_t> begins;
   for (const std::size_t pause : {800U, 900U, 850U}) {
@@ -233,7 +234,7 @@ TEST(RepeatingMotion, AWarmUpBeforeAndAMoveThatIsNotOverDoNotCount) {
 }
 
 TEST(RepeatingMotion, OnlyAxesThatMoveBelongToAPart) {
-  Path path;
+  Commands path;
   for (const std::size_t pause : {700U, 731U, 1502U, 640U}) {
     path.to(0.04, 0.0, 600).rest(200).to(0.0, 0.0, 500).rest(pause);
   }
@@ -247,7 +248,7 @@ TEST(RepeatingMotion, OnlyAxesThatMoveBelongToAPart) {
 }
 
 TEST(RepeatingMotion, OfTheSameWayTheShortestSequenceIsTheRepetition) {
-  Path path;
+  Commands path;
   for (int i = 0; i < 6; ++i) {
     path.to(0.05, 0.0, 500).rest(300 + static_cast<std::size_t>(7 * i * i));
     path.to(0.0, 0.0, 500).rest(1000 + static_cast<std::size_t>(11 * i * i));
@@ -260,7 +261,7 @@ TEST(RepeatingMotion, OfTheSameWayTheShortestSequenceIsTheRepetition) {
 
 TEST(RepeatingMotion, RowsWithinTheToleranceAreTheSameAndOneBeyondIsNot) {
   for (const double away : {1.5e-6, 2.5e-6}) {
-    Path path;
+    Commands path;
     std::size_t last = 0;
     for (const std::size_t pause : {700U, 731U, 1502U}) {
       last = path.rows();
@@ -278,7 +279,7 @@ TEST(RepeatingMotion, RowsWithinTheToleranceAreTheSameAndOneBeyondIsNot) {
 
 TEST(RepeatingMotion, ALostCycleWithinMakesItAnother) {
   for (const bool lost : {false, true}) {
-    Path path;
+    Commands path;
     std::size_t last = 0;
     for (const std::size_t pause : {700U, 731U, 1502U}) {
       last = path.rows();
@@ -292,7 +293,7 @@ TEST(RepeatingMotion, ALostCycleWithinMakesItAnother) {
 }
 
 TEST(RepeatingMotion, APartThatIsOverAtOnceIsNone) {
-  Path path;
+  Commands path;
   for (const std::size_t pause : {700U, 731U, 1502U, 640U}) {
     path.to(0.001, 0.0, 150).rest(pause).to(0.0, 0.0, 150).rest(2 * pause);
   }
@@ -300,8 +301,8 @@ TEST(RepeatingMotion, APartThatIsOverAtOnceIsNone) {
 }
 
 // None of these repeats three times; each is asked at every rest, as the daemon asks.
-void expect_none(const std::function<void(Path&, int)>& step, int steps) {
-  Path path;
+void expect_none(const std::function<void(Commands&, int)>& step, int steps) {
+  Commands path;
   for (int i = 0; i < steps; ++i) {
     step(path, i);
     EXPECT_FALSE(path.found()) << "step " << i;
@@ -314,19 +315,21 @@ TEST(RepeatingMotion, WhatDoesNotRepeatIsNotSaidToRepeat) {
     return std::uniform_real_distribution<double>(0.0, most)(random);
   };
   const auto rows = [&](double most) { return 300 + static_cast<std::size_t>(below(most)); };
-  expect_none([&](Path& path, int) { path.to(below(0.1), below(0.1), rows(800)).rest(rows(200)); },
-              150);
+  expect_none(
+      [&](Commands& path, int) { path.to(below(0.1), below(0.1), rows(800)).rest(rows(200)); },
+      150);
   // Jogged by hand, back and forth, at the same speed: never twice as far.
   expect_none(
-      [&](Path& path, int i) {
+      [&](Commands& path, int i) {
         path.to(i % 2 == 0 ? 0.1 + below(0.01) : 0.0, 0.0, 700).rest(rows(900));
       },
       100);
   // Jogged by the same step: never from the same place.
-  expect_none([&](Path& path, int i) { path.to(0.01 * (i + 1), 0.0, 400).rest(rows(500)); }, 100);
+  expect_none([&](Commands& path, int i) { path.to(0.01 * (i + 1), 0.0, 400).rest(rows(500)); },
+              100);
   // The same part twice, and then another.
   expect_none(
-      [&](Path& path, int i) {
+      [&](Commands& path, int i) {
         part(path.rest(rows(100)));
         if (i % 2 == 1) path.rest(300).turn(0.01 + 1e-4 * i, 900);
         path.rest(500);
@@ -334,9 +337,10 @@ TEST(RepeatingMotion, WhatDoesNotRepeatIsNotSaidToRepeat) {
       40);
   // The same path at another feed each time.
   expect_none(
-      [&](Path& path, int i) { path.rest(300).turn(0.01, 900 + static_cast<std::size_t>(i)); }, 40);
+      [&](Commands& path, int i) { path.rest(300).turn(0.01, 900 + static_cast<std::size_t>(i)); },
+      40);
   // A sine never rests.
-  Path sine;
+  Commands sine;
   for (int k = 0; k < 60'000; ++k) sine.add(0.01 * std::sin(2.0 * std::numbers::pi * k / 500.0), 0);
   EXPECT_FALSE(sine.rest(500).found());
 }
@@ -347,7 +351,7 @@ TEST(RepeatingMotion, ARecordedProductionRepeatsOnlyWhenItIsRunAgain) {
   const Recording recording =
       read_recording(std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "examples/axis_production.csv");
   const std::vector<double>&x = recording.axes[0].command, &y = recording.axes[1].command;
-  Path heard;
+  Commands heard;
   for (std::size_t row = 0; row < x.size(); ++row) {
     heard.add(x[row], y[row]);
     if (row % 1000 == 0) {
@@ -355,7 +359,7 @@ TEST(RepeatingMotion, ARecordedProductionRepeatsOnlyWhenItIsRunAgain) {
     }
   }
   EXPECT_FALSE(heard.found());
-  Path again;
+  Commands again;
   for (const std::size_t pause : {700U, 731U, 1502U, 640U}) {
     for (std::size_t row = 0; row < x.size(); ++row) again.add(x[row], y[row]);
     again.hold(200);
@@ -371,7 +375,7 @@ TEST(RepeatingMotion, ARecordedProductionRepeatsOnlyWhenItIsRunAgain) {
 TEST(RepeatingMotion, AHundredMovesInARow) {
   std::mt19937 random(3);
   std::vector<std::size_t> begins;
-  Path path;
+  Commands path;
   for (int i = 0; i < 4; ++i) {
     begins.push_back(path.rows());
     std::mt19937 same(11);

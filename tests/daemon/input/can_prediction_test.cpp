@@ -41,7 +41,7 @@ predicted_error = {id = 0x12345, start_bit = 0, length = 32, unit = "deg*0.001"}
 prediction_valid = {id = 0x12345, start_bit = 32, length = 8}
 )";
 
-CanMap machine() {
+CanMap machine_with_plc() {
   CheckedCanMap checked = check_can_map(kMachine, "m.toml", "");
   EXPECT_TRUE(checked.problems.empty()) << messages(checked.problems);
   return std::move(checked.map);
@@ -94,7 +94,7 @@ class CanPredictionTest : public testing::Test {
     return {};
   }
 
-  CanMap map_ = machine();
+  CanMap map_ = machine_with_plc();
   CanPrediction teller_{map_, 0};
   std::vector<std::unique_ptr<CanBus>> buses_;
   Sink* sink_ = nullptr;
@@ -167,7 +167,7 @@ TEST(CanSourceTells, OnlyIfAskedToAndSaysWhenAnotherDoes) {
   Sink& sink = *owned;
   std::vector<std::unique_ptr<CanBus>> buses;
   buses.push_back(std::move(owned));
-  CanSource source(machine(), std::move(buses), Pacing::kByStamp);
+  CanSource source(machine_with_plc(), std::move(buses), Pacing::kByStamp);
   source.tell(predicted(0.0, 0.0, 0.0));
   source.tell_predictions();
   EXPECT_THAT(source.news(1), IsEmpty());
