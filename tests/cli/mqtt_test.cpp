@@ -25,7 +25,7 @@ using nlohmann::json;
 using test::Process;
 using testing::HasSubstr;
 
-DdsPlace place() { return test::place_of_test("mqtt-test"); }
+DdsPlace bridge_place() { return test::place_of_test("mqtt-test"); }
 
 int free_port() {
   const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
@@ -109,9 +109,9 @@ class Mqtt : public testing::Test {
                                    "mqtt",
                                    "--dds",
                                    "--machine",
-                                   place().machine,
+                                   bridge_place().machine,
                                    "--domain",
-                                   std::to_string(place().domain),
+                                   std::to_string(bridge_place().domain),
                                    "--broker",
                                    host + ":" + std::to_string(port_),
                                    "--prefix",
@@ -120,7 +120,7 @@ class Mqtt : public testing::Test {
     return std::make_unique<Process>(words);
   }
   [[nodiscard]] static std::string topic(const std::string& name) {
-    return "plant/hall 2/" + place().machine + "/" + name;
+    return "plant/hall 2/" + bridge_place().machine + "/" + name;
   }
 
   Folder folder_;
@@ -129,7 +129,7 @@ class Mqtt : public testing::Test {
 
 TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
   const auto mosquitto = broker("allow_anonymous true\n");
-  const test::FakeDaemon daemon(place());
+  const test::FakeDaemon daemon(bridge_place());
   const auto program = bridge();
   ASSERT_TRUE(program->says("connected to 127.0.0.1:")) << program->said();
   {
@@ -140,7 +140,7 @@ TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
   ASSERT_TRUE(listener.hears(topic("status"), "\"frames\""));
   const json status = json::parse(listener.on(topic("status")));
   EXPECT_EQ(status.at("schema"), "servotwin.status/1");
-  EXPECT_EQ(status.at("machine"), place().machine);
+  EXPECT_EQ(status.at("machine"), bridge_place().machine);
   EXPECT_EQ(status.at("axes").at(0).at("alarm"), "raised");
   EXPECT_EQ(status.at("axes").at(0).at("model_version"), 3);
   EXPECT_TRUE(status.at("axes").at(1).at("rotary").get<bool>());
@@ -160,7 +160,7 @@ TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
 
 TEST_F(Mqtt, ItsEndIsSaidByTheBrokerWhereItCannot) {
   const auto mosquitto = broker("allow_anonymous true\n");
-  const test::FakeDaemon daemon(place());
+  const test::FakeDaemon daemon(bridge_place());
   Listener listener(port_);
   {
     const auto program = bridge();
@@ -174,14 +174,14 @@ TEST_F(Mqtt, ADaemonThatIsGoneIsSaid) {
   Listener listener(port_);
   const auto program = bridge();
   {
-    const test::FakeDaemon daemon(place());
+    const test::FakeDaemon daemon(bridge_place());
     ASSERT_TRUE(listener.hears(topic("state"), "online"));
   }
   EXPECT_TRUE(listener.hears(topic("state"), "no daemon"));
 }
 
 TEST_F(Mqtt, ABrokerThatComesLaterOrAgainGetsEverything) {
-  const test::FakeDaemon daemon(place());
+  const test::FakeDaemon daemon(bridge_place());
   const auto program = bridge();
   ASSERT_TRUE(program->says("no connection to 127.0.0.1:")) << program->said();
   for (int i = 0; i < 2; ++i) {
@@ -195,7 +195,7 @@ TEST_F(Mqtt, ABrokerThatComesLaterOrAgainGetsEverything) {
 // What a dead connection had not delivered came after what was newer, and stayed.
 TEST_F(Mqtt, NothingOldComesAfterAReconnection) {
   auto mosquitto = broker("allow_anonymous true\n");
-  test::FakeDaemon daemon(place());
+  test::FakeDaemon daemon(bridge_place());
   const auto program = bridge();
   {
     Listener listener(port_);
@@ -216,7 +216,7 @@ TEST_F(Mqtt, NothingOldComesAfterAReconnection) {
 
 TEST_F(Mqtt, TheEndOfAnotherBridgeDoesNotStay) {
   const auto mosquitto = broker("allow_anonymous true\n");
-  const test::FakeDaemon daemon(place());
+  const test::FakeDaemon daemon(bridge_place());
   const auto program = bridge();
   Listener listener(port_);
   ASSERT_TRUE(listener.hears(topic("state"), "online"));
@@ -243,7 +243,7 @@ TEST_F(Mqtt, WithPasswordAndCertificate) {
   const auto mosquitto =
       broker("allow_anonymous false\npassword_file " + (folder_ / "passwords") + "\ncertfile " +
              (folder_ / "certificate.pem") + "\nkeyfile " + (folder_ / "key.pem") + "\n");
-  const test::FakeDaemon daemon(place());
+  const test::FakeDaemon daemon(bridge_place());
   const std::string right = folder_.write("right", "secret\n"),
                     wrong = folder_.write("wrong", "guess\n");
   const auto with = [&](const std::string& host, const std::string& ca,

@@ -30,7 +30,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using Words = std::vector<std::string>;
 
-DdsPlace place() { return test::place_of_test("mtconnect-test"); }
+DdsPlace adapter_place() { return test::place_of_test("mtconnect-test"); }
 
 /// A line as agents take it apart: bars divide it, spaces around a word do not count, and in a word
 /// in quotation marks a backslash takes the meaning from the character behind it.
@@ -129,8 +129,8 @@ class Agent {
 class Served {
  public:
   Served()
-      : program_({"servotwin", "mtconnect", "--dds", "--machine", place().machine, "--domain",
-                  std::to_string(place().domain), "--port", "0"}) {
+      : program_({"servotwin", "mtconnect", "--dds", "--machine", adapter_place().machine,
+                  "--domain", std::to_string(adapter_place().domain), "--port", "0"}) {
     EXPECT_TRUE(program_.says(" at 127.0.0.1:")) << program_.said();
     EXPECT_TRUE(program_.says("\n"));
     const std::string& said = program_.said();
@@ -185,7 +185,7 @@ TEST(Mtconnect, AgentsSeeWhatTheDaemonSays) {
   Served served;
   Agent agent(served.port), other(served.port);
   ASSERT_TRUE(agent.hears("avail", {"UNAVAILABLE"}));
-  FakeDaemon daemon(place(), "5 % better | \"in\nboth\" directions");
+  FakeDaemon daemon(adapter_place(), "5 % better | \"in\nboth\" directions");
   ASSERT_TRUE(agent.hears("avail", {"AVAILABLE"})) << served.program().said();
   EXPECT_TRUE(agent.hears("X_alarm", {"WARNING", "RESIDUAL", "", "HIGH",
                                       "the residual of axis X is larger than usual"}));
@@ -217,7 +217,7 @@ TEST(Mtconnect, WithoutItsDaemonEveryValueIsUnavailable) {
   Served served;
   Agent agent(served.port);
   {
-    const FakeDaemon daemon(place());
+    const FakeDaemon daemon(adapter_place());
     ASSERT_TRUE(agent.hears("X_error_rms", {"0.302"})) << served.program().said();
   }
   ASSERT_TRUE(agent.hears("X_diagnosis", {"", "UNAVAILABLE"})) << served.program().said();
@@ -326,11 +326,13 @@ std::set<std::string> names_in(const std::string& description) {
 }
 
 TEST(Mtconnect, TheDeviceDescriptionNamesEveryKey) {
-  const FakeDaemon daemon(place());
-  const Answer answer = servotwin_says({"mtconnect", "--dds", "--machine", place().machine,
-                                        "--domain", std::to_string(place().domain), "--device"});
+  const FakeDaemon daemon(adapter_place());
+  const Answer answer =
+      servotwin_says({"mtconnect", "--dds", "--machine", adapter_place().machine, "--domain",
+                      std::to_string(adapter_place().domain), "--device"});
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("<Rotary id=\"servotwin_" + place().machine + "_B_1\""));
+  EXPECT_THAT(answer.out,
+              HasSubstr("<Rotary id=\"servotwin_" + adapter_place().machine + "_B_1\""));
   Served served;
   Agent agent(served.port);
   ASSERT_TRUE(agent.hears("X_error_rms", {"0.302"}));
@@ -361,10 +363,11 @@ TEST(Mtconnect, AWrongCommandLineIsRefused) {
 
 TEST(Mtconnect, ADaemonThatIsNotThereIsNamedAtTheEnd) {
   const Answer answer =
-      servotwin_says({"mtconnect", "--dds", "--machine", place().machine, "--domain",
-                      std::to_string(place().domain), "--port", "0", "--seconds", "1"});
+      servotwin_says({"mtconnect", "--dds", "--machine", adapter_place().machine, "--domain",
+                      std::to_string(adapter_place().domain), "--port", "0", "--seconds", "1"});
   EXPECT_EQ(answer.status, 1) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("no daemon listens to machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err,
+              HasSubstr("no daemon listens to machine '" + adapter_place().machine + "'"));
 }
 
 }  // namespace
