@@ -23,9 +23,10 @@ class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>
     for (const Parameter& p : shapes_of(kind)) {
       effect.shape[i] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng))
                                       : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
-      // Times at which the axis moves, and accelerations that occur.
+      // Times at which the axis moves, accelerations that occur, and periods that it passes.
       if (p.unit == "s" && p.upper > 1e6) effect.shape[i] = 2.5 * part(rng);
       if (p.unit == "m/s^2") effect.shape[i] = 0.1 * part(rng);
+      if (p.name == "period") effect.shape[i] = 0.02 * part(rng);
       // A table over the range of the regressor that occurs.
       if (p.name == "low") effect.shape[i] = -0.02 * part(rng);
       if (p.name == "high") effect.shape[i] = 0.02 * part(rng);
