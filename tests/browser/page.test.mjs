@@ -28,7 +28,7 @@ before(async () => {
   const http = `[http]\ntoken = "${token}"\n`;
   const axis = (name) => `[[axis]]\nname = "${name}"\ncorrection = { peak = 2e-3, rate = 0.05, bandwidth = 60 }\n`;
   const asked = `${http}[diagnose]\nrecord_s = 10\n`;
-  const learns = `${http}[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`;
+  const learns = `${http}[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nrecognise = "off"\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`;
   [diagnosed, learning] = await Promise.all([configured("diagnosed", identify + asked), configured("learning", identify + learns)]);
   await Promise.all([...[diagnosed, learning].flatMap((one) => [one.says(/X: model \d+ is in force/), one.says(/Y: model \d+ is in force/)]), diagnosed.says(/X: diagnosis of/)]);
   await Promise.all([diagnosed.read(rest + asked), learning.read(rest + learns)]);

@@ -80,6 +80,7 @@ typedef struct {
   EffectMemory load_memory[kMaxEffects], load_trial[kMaxEffects];
   double masses[kMassStates];
   double load_force, load_force_change, load_slope, contact, contact_slope;
+  double together[2][2]; /* the inverse of the slopes of both forces */
   double motor_position, load_position;
   double demand, position, velocity, reading;
   double neighbour_acceleration;

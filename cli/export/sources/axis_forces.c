@@ -132,3 +132,33 @@ double servotwin_balanced(double first, double* slope, double (*miss)(void* of, 
   }
   return right;
 }
+
+/* Broyden's method, as twin/force_balance.h has it. */
+int servotwin_balanced_pair(double motor, double load, double inverse[2][2], double tolerance,
+                            void (*miss)(void* of, double motor, double load, double out[2]),
+                            void* of) {
+  double left[2];
+  miss(of, motor, load, left);
+  for (int trial = 0; trial < 12; ++trial) {
+    if (fmax(fabs(left[0]), fabs(left[1])) <= tolerance) return 1;
+    const double step[2] = {-(inverse[0][0] * left[0] + inverse[0][1] * left[1]),
+                            -(inverse[1][0] * left[0] + inverse[1][1] * left[1])};
+    double next[2];
+    motor += step[0];
+    load += step[1];
+    miss(of, motor, load, next);
+    const double change[2] = {next[0] - left[0], next[1] - left[1]};
+    const double expected[2] = {inverse[0][0] * change[0] + inverse[0][1] * change[1],
+                                inverse[1][0] * change[0] + inverse[1][1] * change[1]};
+    const double product = step[0] * expected[0] + step[1] * expected[1];
+    if (!(fabs(product) > 1e-9 * (step[0] * step[0] + step[1] * step[1]))) return 0;
+    const double row[2] = {step[0] * inverse[0][0] + step[1] * inverse[1][0],
+                           step[0] * inverse[0][1] + step[1] * inverse[1][1]};
+    for (int i = 0; i < 2; ++i) {
+      inverse[0][i] += (step[0] - expected[0]) / product * row[i];
+      inverse[1][i] += (step[1] - expected[1]) / product * row[i];
+      left[i] = next[i];
+    }
+  }
+  return 0;
+}

@@ -24,5 +24,11 @@ double servotwin_reading(const AxisModel* model, AxisState* state, const Motion*
  * twin/force_balance.h. */
 double servotwin_balanced(double first, double* slope, double (*miss)(void* of, double trial),
                           void* of);
+/* Seeks the two forces at which both misses are within the tolerance; 0 where that does not settle
+   in a few trials. `inverse` of their slopes: as it was last, and as it is now. The last pair tried
+   is the answer. */
+int servotwin_balanced_pair(double motor, double load, double inverse[2][2], double tolerance,
+                            void (*miss)(void* of, double motor, double load, double out[2]),
+                            void* of);
 
 #endif

@@ -117,18 +117,47 @@ static double miss_of_motor(void* of, double trial) {
   return trial - servotwin_disturbance(part->model, part->state, &part->motor, kMotor);
 }
 
-/* Solves the forces on motor and load and that of the play in turns. */
+static void balance_contact(Part* part) {
+  AxisState* s = part->state;
+  if (part->model->masses.width > 0.0)
+    s->contact = servotwin_balanced(s->contact, &s->contact_slope, miss_of_contact, part);
+}
+
+static void miss_of_both(void* of, double motor, double load, double out[2]) {
+  Part* part = of;
+  part->state->force = motor;
+  part->state->load_force = load;
+  balance_contact(part);
+  set_motion(part, kMotor, &part->motor);
+  set_motion(part, kLoad, &part->load);
+  out[0] = motor - servotwin_disturbance(part->model, part->state, &part->motor, kMotor);
+  out[1] = load - servotwin_disturbance(part->model, part->state, &part->load, kLoad);
+}
+
+static void hold_apart(AxisState* s) {
+  s->together[0][0] = s->together[1][1] = 1.0;
+  s->together[0][1] = s->together[1][0] = 0.0;
+}
+
+/* Solves the forces on motor and load and that of the play: together, or else in turns. */
 static void balance(Part* part) {
   AxisState* s = part->state;
-  const int plays = part->model->masses.width > 0.0;
-  const int motor_feels = servotwin_acts_on(part->model, kMotor);
+  const int couples = part->model->masses.width > 0.0 || servotwin_acts_on(part->model, kMotor);
+  if (couples) {
+    const double force = s->force, load_force = s->load_force, contact = s->contact;
+    if (servotwin_balanced_pair(force, load_force, s->together, kSmallestTurn, miss_of_both, part))
+      return;
+    hold_apart(s);
+    s->force = force;
+    s->load_force = load_force;
+    s->contact = contact;
+  }
   for (int turn = 0; turn < kMostTurns; ++turn) {
     const double motor_before = s->force, contact_before = s->contact;
-    if (plays)
-      s->contact = servotwin_balanced(s->contact, &s->contact_slope, miss_of_contact, part);
+    balance_contact(part);
     s->load_force = servotwin_balanced(s->load_force, &s->load_slope, miss_of_load, part);
     s->force = servotwin_balanced(s->force, &s->slope, miss_of_motor, part);
-    if (!plays && !motor_feels) break;
+    if (!couples) break;
     if (fabs(s->force - motor_before) <= kSmallestTurn &&
         fabs(s->contact - contact_before) <= kSmallestTurn)
       break;
@@ -158,6 +187,7 @@ void servotwin_start_two_masses(const AxisModel* model, AxisState* s, double com
   rest.step_s = model->cycle_s / model->parts;
   rest.time_s = s->time_s;
   s->load_slope = s->contact_slope = 1.0;
+  hold_apart(s);
   for (int turn = 0; turn < kMostTurns; ++turn) {
     const double motor_before = s->force, load_before = s->load_force;
     set_at_rest(&model->masses, s);
