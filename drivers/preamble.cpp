@@ -205,11 +205,9 @@ std::optional<double> take_number(std::string_view& text, char separator) {
   const std::size_t end = std::min(text.find_first_not_of("0123456789.,eE+-"), text.size());
   std::string digits(text.substr(0, end));
   const std::size_t comma = digits.find(',');
-  if (comma != std::string::npos && digits.front() != '0' && digits.size() == comma + 4)
-    return std::nullopt;
+  if (comma <= 3 && digits.front() != '0' && digits.size() == comma + 4) return std::nullopt;
   const std::size_t point = digits.find('.');
-  if (separator == ';' && point != std::string::npos && digits.front() != '0' &&
-      digits.size() == point + 4)
+  if (separator == ';' && point <= 3 && digits.front() != '0' && digits.size() == point + 4)
     return std::nullopt;
   std::replace(digits.begin(), digits.end(), ',', '.');
   double value = 0.0;

@@ -14,6 +14,8 @@ namespace {
 /// changes them by less [m/s^2 | rad/s^2], or for so many turns: with a stiff spring and friction
 /// on both not every step gets there; what is missing then is far below the friction.
 constexpr double kSmallestTurn = 1e-11;
+/// Found together they miss by no more than this [m/s^2 | rad/s^2]: some times the rounding.
+constexpr double kLargestMiss = 1e-13;
 /// A step that ends on the edge of a gap misses its contact's force by more than this share of what
 /// the spring has over the gap, and the edge by less than this share of the gap.
 constexpr double kEdgeTolerance = 1e-6;
@@ -97,7 +99,7 @@ void TwinOf<S>::balance_two_masses(const typename TwoMassAxisOf<S>::State& free,
     if (plays || motor_feels) {
       const std::array before{force_, load_force_, contact_};
       const bool found =
-          balanced(ForcePair{force_, load_force_}, together_, kSmallestTurn,
+          balanced(ForcePair{force_, load_force_}, together_, kLargestMiss,
                    [&](const ForcePair& trial) -> ForcePair {
                      force_ = trial[0], load_force_ = trial[1];
                      balance_contact();

@@ -139,11 +139,13 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
       static_cast<std::ptrdiff_t>(kHighestQuantile * static_cast<double>(accelerations.size() - 1));
   std::nth_element(accelerations.begin(), at_quantile, accelerations.end());
   const double noise = noise_floor(segments).rms;
-  const double narrowest = std::max({kNarrowestGap, 2.0 * encoder_step,
-                                     std::isfinite(noise) ? kNarrowestOverNoise * noise : 0.0});
+  const double narrowest =
+      std::max(2.0 * encoder_step, std::isfinite(noise) ? kNarrowestOverNoise * noise : 0.0);
   std::vector<GapFound> tried;
-  for (double width = narrowest; width < std::min(shapes[0].upper, kWidestShare * (high - low));
+  // The same widths whatever the noise is, so that a start does not depend on its last digits.
+  for (double width = kNarrowestGap; width < std::min(shapes[0].upper, kWidestShare * (high - low));
        width *= kNextWidth) {
+    if (width < narrowest) continue;
     for (const double share : kDecelerations)
       tried.push_back({width, std::clamp(share * *at_quantile, shapes[2].lower, shapes[2].upper)});
   }

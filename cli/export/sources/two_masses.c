@@ -9,7 +9,7 @@
 enum { kError, kRate, kDeflection, kDeflectionRate, kIntegral };
 enum { kAtMotor, kAtLoad, kOutside }; /* AxisMasses.encoders */
 
-static const double kSmallestTurn = 1e-11; /* as in twin/two_mass_step.cpp */
+static const double kSmallestTurn = 1e-11, kLargestMiss = 1e-13; /* as in twin/two_mass_step.cpp */
 enum { kMostTurns = 12 };
 
 /* The motion of both masses at the end of a part. */
@@ -145,7 +145,7 @@ static void balance(Part* part) {
   const int couples = part->model->masses.width > 0.0 || servotwin_acts_on(part->model, kMotor);
   if (couples) {
     const double force = s->force, load_force = s->load_force, contact = s->contact;
-    if (servotwin_balanced_pair(force, load_force, s->together, kSmallestTurn, miss_of_both, part))
+    if (servotwin_balanced_pair(force, load_force, s->together, kLargestMiss, miss_of_both, part))
       return;
     hold_apart(s);
     s->force = force;
