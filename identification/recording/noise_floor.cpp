@@ -60,9 +60,6 @@ bool is_held(const Eigen::ArrayXd& block, double encoder_step) {
   for (Eigen::Index i = 1; i < block.size(); ++i) {
     if (block(i) != block(i - 1)) steps.push_back(std::abs(block(i) - block(i - 1)));
   }
-  if (steps.empty()) return false;
-  // Few readings do not tell the step: it is no more than the smallest of the block.
-  if (encoder_step == 0.0) encoder_step = *std::min_element(steps.begin(), steps.end());
   const double held =
       1.0 - static_cast<double>(steps.size()) / static_cast<double>(block.size() - 1);
   return held > kMinShareOfHeld && held * median(steps) > encoder_step;
