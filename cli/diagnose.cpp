@@ -16,7 +16,6 @@
 #include "cli/output.h"
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnosis_file.h"
-#include "diagnosis/judgement.h"
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
@@ -118,9 +117,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
     const std::string why =
         cause.confidence < kMinConfidenceToName ? "too low to name it as a cause"
         : cause.doubt == CauseDoubt::kParameters
-            ? "but " + end_text(cause.id, diagnosis.extended.model,
-                                diagnosis.extended.model.effects[cause.place],
-                                stretch_of(diagnosis.extended.motion))
+            ? "but " + cause.at_end
             : "but its gain on held-out data may be zero, or is within the noise";
     say(people,
         text("suspected   %-24s confidence %.0f %%, ", cause.id.c_str(), 100.0 * cause.confidence) +

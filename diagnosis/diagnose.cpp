@@ -379,9 +379,9 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   doubt(out.causes, current, search, holdout);
   const bool cuts_recorded = recorded.segments.front().in_cut.size() > 0;
   for (Cause& cause : out.causes) {
-    if (at_end_of(cause.id, extended, extended.effects[cause.place],
-                  stretch_of(out.extended.motion)))
-      cause.doubt = CauseDoubt::kParameters;
+    cause.at_end = end_text(cause.id, extended, extended.effects[cause.place],
+                            length_scale(recorded.segments));
+    if (!cause.at_end.empty()) cause.doubt = CauseDoubt::kParameters;
     // Two masses have many parameters, and cuts that were not recorded are found in the residual
     // itself: a small gain may be that of any better fit.
     const std::size_t kind = extended.effects[cause.place].kind;

@@ -68,6 +68,7 @@ struct Cause {
   Gain gain;
   double worth = 0.0;  ///< squared error that it removes, the rest refitted [m^2 | rad^2]
   CauseDoubt doubt = CauseDoubt::kNone;
+  std::string at_end;            ///< with CauseDoubt::kParameters: what is at its limit, for people
   std::vector<Moved> moved;      ///< in a comparison with an earlier model only
   std::optional<Model> without;  ///< the extended model refitted without it
 };

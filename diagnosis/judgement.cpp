@@ -95,7 +95,7 @@ std::optional<Vibration> vibration_of(const Model& model, const Effect& mode) {
 }
 
 std::string end_text(std::string_view cause, const Model& model, const Effect& effect,
-                     double stretch) {
+                     double length_scale) {
   if (effect.kind == kind_of<Compliance>()) {
     const std::optional<Vibration> vibration = vibration_of(model, effect);
     const double most = shapes_of(effect.kind)[1].upper;
@@ -121,7 +121,7 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
     // A fit that wants still less friction at rest beside that at speed is no friction of a guide.
     if (shapes[i].name == "breakaway_ratio" && effect.shape[i] < shapes[i].lower / kAtLimit)
       return text("breakaway ratio at its limit %g: it stands for something else", shapes[i].lower);
-    const double most = stretched(shapes[i], stretch).upper;
+    const double most = stretched(shapes[i], length_scale).upper;
     if (shapes[i].name != nature.ends_at || !(effect.shape[i] > kAtLimit * most)) continue;
     std::string name(shapes[i].name);
     std::replace(name.begin(), name.end(), '_', ' ');
@@ -130,8 +130,9 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
   return "";
 }
 
-bool at_end_of(std::string_view cause, const Model& model, const Effect& effect, double stretch) {
-  return !end_text(cause, model, effect, stretch).empty();
+bool at_end_of(std::string_view cause, const Model& model, const Effect& effect,
+               double length_scale) {
+  return !end_text(cause, model, effect, length_scale).empty();
 }
 
 }  // namespace servotwin

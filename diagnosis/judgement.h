@@ -66,15 +66,15 @@ struct Bar {
 /// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, a
 /// compliance does not vibrate, or a delay is shorter than kMinDelaySamplesOfCause, at its limit,
 /// or an imitation of a velocity lag, or a law of friction at its least breakaway ratio, so that
-/// the fit asks for something else. `stretch`: of the axis (twin/effect.h). Throws
-/// std::invalid_argument for an unknown cause.
+/// the fit asks for something else. `length_scale`: of the axis
+/// (identification/recording/motion_range.h). Throws std::invalid_argument for an unknown cause.
 [[nodiscard]] bool at_end_of(std::string_view cause, const Model& model, const Effect& effect,
-                             double stretch = 1.0);
+                             double length_scale);
 
 /// For people: "damping ratio at its limit 0.2: more is a filter than a vibration"; empty if it is
 /// not at its limit.
 [[nodiscard]] std::string end_text(std::string_view cause, const Model& model, const Effect& effect,
-                                   double stretch = 1.0);
+                                   double length_scale);
 
 struct Vibration {
   double frequency_hz = 0.0, damping_ratio = 0.0;

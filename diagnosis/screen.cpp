@@ -268,7 +268,8 @@ std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes
 
 std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
   std::vector<Parameter> shapes;
-  for (const Parameter& p : shapes_of(kind)) shapes.push_back(stretched(p, stretch_of(segments_)));
+  for (const Parameter& p : shapes_of(kind))
+    shapes.push_back(stretched(p, length_scale(segments_)));
   std::vector<double> start;
   for (const Parameter& p : shapes) {
     double value = p.start;

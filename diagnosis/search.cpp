@@ -94,7 +94,7 @@ void Search::divide() {
   rest_.clear();
   // Blocks of equal duration; a gap in the recording shortens its block.
   const double from = training_.front().start_s, to = training_.back().end_s();
-  const double forgets = kForgets * stretch_of(training_);
+  const double forgets = kForgets * length_scale(training_);
   for (int b = 0; b < kBlocks; ++b) {
     const double begin = from + (to - from) * b / kBlocks,
                  end = from + (to - from) * (b + 1) / kBlocks;

@@ -27,7 +27,8 @@ constexpr double kMinRmsOverFloorUnscreened = 4.0;
 /// The RMS of two masses over that of the model without them, below which they are accepted.
 double max_ratio(const Model& two_masses, const Model& without) {
   const Effect* mode = without.find(kind_of<Compliance>());
-  return mode != nullptr && at_end_of("compliance", without, *mode) && !plays(two_masses)
+  constexpr double kScale = 1.0;  // a vibration has no lengths
+  return mode != nullptr && at_end_of("compliance", without, *mode, kScale) && !plays(two_masses)
              ? kMaxRmsRatioOfSpring
              : kMaxRmsRatioClearlyBetter;
 }

@@ -58,7 +58,8 @@ inline constexpr PairBySlopes kApart{{{1.0, 0.0}, {0.0, 1.0}}};
 
 /// Seeks two forces at which both misses are within `tolerance`, from `forces` by Broyden's method
 /// (C. G. Broyden, Mathematics of Computation 19 (1965) 577); false where that does not settle in a
-/// few trials. `inverse`: as it was last, and as it is now. The last pair tried is the answer.
+/// few trials. `inverse`: in, that of the step before, or kApart; out, that of this one. The last
+/// pair tried is the answer.
 template <class Miss>
 bool balanced(ForcePair forces, PairBySlopes& inverse, double tolerance,
               const Miss& miss_at) noexcept {
@@ -70,8 +71,9 @@ bool balanced(ForcePair forces, PairBySlopes& inverse, double tolerance,
                      by_second[0] * misses[0] + by_second[1] * misses[1]};
   };
   ForcePair miss = miss_at(forces);
-  for (int trial = 0; trial < kTrials; ++trial) {
-    if (std::max(std::abs(miss[0]), std::abs(miss[1])) <= tolerance) return true;
+  for (int trial = 0;; ++trial) {
+    if (std::abs(miss[0]) <= tolerance && std::abs(miss[1]) <= tolerance) return true;
+    if (trial == kTrials) return false;
     const ForcePair back = along(miss), step{-back[0], -back[1]};
     forces = {forces[0] + step[0], forces[1] + step[1]};
     const ForcePair next = miss_at(forces);
@@ -86,7 +88,6 @@ bool balanced(ForcePair forces, PairBySlopes& inverse, double tolerance,
     }
     miss = next;
   }
-  return false;
 }
 
 }  // namespace servotwin

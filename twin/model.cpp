@@ -28,8 +28,9 @@ constexpr double kMaxModeNumerator = 1e30;  // of any of its units
 
 bool within(double value, double lower, double upper) { return lower <= value && value <= upper; }
 
-std::string outside(std::string_view effect, const Parameter& given, double value, double stretch) {
-  const Parameter parameter = stretched(given, stretch);
+std::string outside(std::string_view effect, const Parameter& given, double value,
+                    double length_scale) {
+  const Parameter parameter = stretched(given, length_scale);
   if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
   // Its unit is that of the model file: a model does not tell whether it is rotary.
   return say("effects[", effect, "].", parameter.name, " = ", value, " is outside ",
@@ -38,9 +39,9 @@ std::string outside(std::string_view effect, const Parameter& given, double valu
 
 }  // namespace
 
-std::string why_invalid(const Model& model) { return why_invalid(model, kMostStretch); }
+std::string why_invalid(const Model& model) { return why_invalid(model, kMostLengthScale); }
 
-std::string why_invalid(const Model& model, double stretch) {
+std::string why_invalid(const Model& model, double length_scale) {
   if (!(model.sample_time_s > 0.0))
     return say("sample_time_s = ", model.sample_time_s, " must be positive");
   if (!within(model.sample_time_s, kMinSampleTime_s, kMaxSampleTime_s))
@@ -103,11 +104,11 @@ std::string why_invalid(const Model& model, double stretch) {
     const auto id = identity_of(effect.kind).id;
     std::size_t i = 0;
     for (const Parameter& shape : shapes_of(effect.kind)) {
-      if (auto why = outside(id, shape, effect.shape[i++], stretch); !why.empty()) return why;
+      if (auto why = outside(id, shape, effect.shape[i++], length_scale); !why.empty()) return why;
     }
     i = 0;
     for (const Parameter& coefficient : coefficients_of(effect.kind)) {
-      if (auto why = outside(id, coefficient, effect.coefficient[i++], stretch); !why.empty())
+      if (auto why = outside(id, coefficient, effect.coefficient[i++], length_scale); !why.empty())
         return why;
     }
   }

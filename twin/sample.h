@@ -67,6 +67,8 @@ struct Segment {
   /// Number of lead-in samples at the start: they drive the state of friction, which is unknown
   /// before them, and are not counted in any fit or error figure.
   Eigen::Index lead = 0;
+  /// Of lengths and velocities of a rotary axis over those of machines in m (twin/effect.h).
+  double length_scale = 1.0;
 
   [[nodiscard]] Eigen::Index size() const { return command.size(); }
   [[nodiscard]] double end_s() const {

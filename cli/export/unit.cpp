@@ -98,7 +98,7 @@ void require_translated(std::string_view effect) {
       "' cannot be exported: it has no C translation; identify or diagnose without it");
 }
 
-std::string model_text(const Model& model, const std::string& guid, double stretch) {
+std::string model_text(const Model& model, const std::string& guid, double length_scale) {
   const Twin twin(model);
   const StepConstants& step = twin.step_constants();
   std::string out =
@@ -158,7 +158,7 @@ std::string model_text(const Model& model, const std::string& guid, double stret
   for (const Effect& effect : effects_of_unit(model)) {
     out += "effect " + std::string(identity_of(effect.kind).id) + "\n";
     const auto add = [&](const char* what, const Parameter& of_machines, double value) {
-      const Parameter p = stretched(of_machines, stretch);
+      const Parameter p = stretched(of_machines, length_scale);
       out += std::string(what) + " " + std::string(p.name) + exact(value) + exact(p.lower) +
              exact(p.upper) + "\n";
     };
@@ -196,15 +196,14 @@ FmuUnit make_unit(const ModelRecord& record, const std::vector<std::string>& abo
     files.push_back({std::move(name), std::move(content)});
   }
   Fingerprint fingerprint;
-  const double stretch = record.rotary ? kMostStretch : 1.0;
-  fingerprint.add(model_text(record.model, "", stretch));
+  const double scale = record.rotary ? kMostLengthScale : 1.0;
+  fingerprint.add(model_text(record.model, "", scale));
   fingerprint.add(model_description_xml(unit.description, record, sources));
   for (const PackedFile& file : files) fingerprint.add(file.content);
   unit.description.guid = fingerprint.guid();
   files.insert(files.begin(),
                {"modelDescription.xml", model_description_xml(unit.description, record, sources)});
-  files.push_back(
-      {"resources/model.txt", model_text(record.model, unit.description.guid, stretch)});
+  files.push_back({"resources/model.txt", model_text(record.model, unit.description.guid, scale)});
   files.push_back({"documentation/index.html", page(record, unit.description, about)});
   unit.zip = zipped(files);
   return unit;

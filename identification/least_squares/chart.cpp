@@ -70,10 +70,11 @@ ShapeAxis shape_axis(const Parameter& p) {
   return {p.lower, p.upper, false, p};
 }
 
-std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects, double stretch) {
+std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects, double length_scale) {
   std::vector<ShapeAxis> axes;
   for (std::size_t kind : effects) {
-    for (const Parameter& p : shapes_of(kind)) axes.push_back(shape_axis(stretched(p, stretch)));
+    for (const Parameter& p : shapes_of(kind))
+      axes.push_back(shape_axis(stretched(p, length_scale)));
   }
   return axes;
 }

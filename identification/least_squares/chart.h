@@ -39,6 +39,6 @@ struct ShapeAxis {
 [[nodiscard]] ShapeAxis shape_axis(const Parameter& parameter);
 /// Of all shapes of these effects, in their order, on an axis with this stretch (twin/effect.h).
 [[nodiscard]] std::vector<ShapeAxis> shape_axes(const std::vector<std::size_t>& effects,
-                                                double stretch);
+                                                double length_scale);
 
 }  // namespace servotwin

@@ -50,6 +50,7 @@ Signals finer_signals(const Segment& s, Eigen::Index parts) {
   Segment out;
   out.start_s = s.start_s;
   out.sample_time_s = s.sample_time_s / static_cast<double>(parts);
+  out.length_scale = s.length_scale;
   out.command = finer(s.command, s.sample_time_s, parts);
   out.actual = finer(s.actual, s.sample_time_s, parts);
   Signals signals = signals_of(out);
@@ -124,7 +125,7 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
 
   const std::size_t kind = kind_of<BacklashBehindEncoder>();
   std::vector<Parameter> shapes;
-  for (const Parameter& p : shapes_of(kind)) shapes.push_back(stretched(p, stretch_of(segments)));
+  for (const Parameter& p : shapes_of(kind)) shapes.push_back(stretched(p, length_scale(segments)));
   double velocity_limit = shapes[1].start;
   for (const Effect& effect : rigid.effects) {
     std::size_t i = 0;

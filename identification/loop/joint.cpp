@@ -24,11 +24,11 @@ constexpr double kMaxDeviationOverStep = 0.1;
 
 /// Start values of the shapes of one effect, on a grid about the catalogue's, on an axis with this
 /// stretch (twin/effect.h).
-std::vector<std::vector<double>> shape_grid(std::size_t kind, double stretch) {
+std::vector<std::vector<double>> shape_grid(std::size_t kind, double length_scale) {
   constexpr std::size_t kGriddedShapes = 3;  // an effect lists its most influential shapes first
   std::vector<std::vector<double>> grid{{}};
   for (std::size_t i = 0; i < shapes_of(kind).size(); ++i) {
-    const Parameter p = stretched(shapes_of(kind)[i], stretch);
+    const Parameter p = stretched(shapes_of(kind)[i], length_scale);
     std::vector<double> values{p.start};
     if (i < kGriddedShapes && p.lower > 0.0)
       values = {std::max(0.3 * p.start, p.lower), p.start, std::min(3.0 * p.start, p.upper)};
@@ -69,7 +69,7 @@ std::vector<Point> friction_starts(const Projection& data, const Structure& stru
   const Projection coarse = thinned(data, 4e-3);
   std::vector<std::pair<double, Point>> best;
   for (const std::vector<double>& shapes :
-       shape_grid(structure.effects[place], stretch_of(data.segments()))) {
+       shape_grid(structure.effects[place], length_scale(data.segments()))) {
     Point point{rough.denominator,
                 {rough.shapes.begin(), rough.shapes.begin() + static_cast<std::ptrdiff_t>(first)},
                 rough.modes};

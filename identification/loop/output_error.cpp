@@ -84,11 +84,11 @@ class ReadingLikelihood {
 /// Between a model of the structure and its coordinates: numerator, coefficients, chart, shapes.
 class Coordinates {
  public:
-  Coordinates(const Structure& structure, const Model& start, double stretch)
+  Coordinates(const Structure& structure, const Model& start, double length_scale)
       : structure_(structure),
         template_(start),
-        stretch_(stretch),
-        axes_(shape_axes(structure.effects, stretch)) {
+        length_scale_(length_scale),
+        axes_(shape_axes(structure.effects, length_scale)) {
     for (std::size_t i = 0; i < structure.effects.size(); ++i) {
       // A limit takes away all of the torque beyond it. Left free, the share would trade with the
       // limit and the viscous friction, and the model would be wrong in larger moves.
@@ -155,8 +155,9 @@ class Coordinates {
     const auto k = static_cast<std::size_t>(i) - static_cast<std::size_t>(numerators_);
     if (i < numerators_) return {-1e300, 1e300};
     if (k < slots_.size()) {
-      const Parameter p = stretched(
-          coefficients_of(structure_.effects[slots_[k].effect])[slots_[k].coefficient], stretch_);
+      const Parameter p =
+          stretched(coefficients_of(structure_.effects[slots_[k].effect])[slots_[k].coefficient],
+                    length_scale_);
       return {p.lower, p.upper};
     }
     const auto shape = k - slots_.size();
@@ -251,7 +252,7 @@ class Coordinates {
   };
   const Structure& structure_;
   Model template_;
-  double stretch_;
+  double length_scale_;
   std::vector<ShapeAxis> axes_;
   std::vector<Slot> slots_;
   int numerators_ = 0;
@@ -397,7 +398,7 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
                                            const Structure& structure, const Model& start,
                                            const OutputErrorOptions& options) {
   if (!why_invalid(start).empty() || segments.empty()) return std::nullopt;
-  const Coordinates coordinates(structure, start, stretch_of(segments));
+  const Coordinates coordinates(structure, start, length_scale(segments));
   const double h = segments.front().sample_time_s;
   const Eigen::Index settled = starting_state_samples(start, segments.front());
   Eigen::VectorXd x = coordinates.of(start);
@@ -444,9 +445,9 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
                             const Structure& structure, const Model& at, double encoder_step) {
   std::vector<Model> out(blocks.size(), at);
   if (!why_invalid(at).empty()) return out;
-  double stretch = 1.0;
-  for (const std::vector<Segment>& block : blocks) stretch = std::max(stretch, stretch_of(block));
-  const Coordinates coordinates(structure, at, stretch);
+  double scale = 1.0;
+  for (const std::vector<Segment>& block : blocks) scale = std::max(scale, length_scale(block));
+  const Coordinates coordinates(structure, at, scale);
   const Eigen::VectorXd x = coordinates.of(at);
   std::vector<Eigen::VectorXd> left;
   std::vector<double> all;

@@ -200,7 +200,7 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
                  int& evaluations) {
   const int order = data.structure().order;
   const std::vector<ShapeAxis> axes =
-      shape_axes(data.structure().effects, stretch_of(data.segments()));
+      shape_axes(data.structure().effects, length_scale(data.segments()));
   Loop loop;
   loop.order = order;
   loop.denominator = from.point.denominator;
@@ -369,10 +369,10 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
 
   std::vector<double> shapes = options.shapes;
   if (shapes.empty()) {
-    const double stretch = stretch_of(data.segments());
+    const double scale = length_scale(data.segments());
     for (std::size_t kind : data.structure().effects) {
       for (const Parameter& of_machines : shapes_of(kind)) {
-        const Parameter p = stretched(of_machines, stretch);
+        const Parameter p = stretched(of_machines, scale);
         const bool delay = identity_of(kind).acts == Acts::kCommandDelay;
         shapes.push_back(delay ? std::clamp(mean_lag_s(data.segments()), p.lower, p.upper)
                                : p.start);

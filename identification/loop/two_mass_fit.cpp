@@ -175,7 +175,7 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   start.rms = rms_on(start.model, segments);
   if (start.rms == kUnfittedRms) return;
   const Effect& play = *two_mass_of(start.model);
-  Sought sought{start.model, segments, shape_axes({play.kind}, stretch_of(segments)), start.rms};
+  Sought sought{start.model, segments, shape_axes({play.kind}, length_scale(segments)), start.rms};
   std::vector<double> x, lower, upper;
   for (const ShapeAxis& axis : sought.axes) {
     x.push_back(axis.coordinate(play.shape[x.size()]));

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "identification/recording/order_statistics.h"
+#include "identification/recording/segments.h"
 
 namespace servotwin {
 
@@ -125,14 +126,7 @@ std::vector<Range> slow_reversals(const Segment& s, const CommandedMotion& motio
 }
 
 Segment part(const Segment& s, const Range& range) {
-  const Eigen::Index count = range.end - range.begin;
-  Segment out;
-  out.start_s = s.start_s + s.sample_time_s * static_cast<double>(range.begin);
-  out.sample_time_s = s.sample_time_s;
-  out.command = s.command.segment(range.begin, count);
-  if (s.actual.size() == s.size()) out.actual = s.actual.segment(range.begin, count);
-  if (s.torque.size() == s.size()) out.torque = s.torque.segment(range.begin, count);
-  return out;
+  return part_of(s, range.begin, range.end - range.begin);
 }
 
 void sort_segment(const Segment& s, const MotionScale& scale, const EvidenceLimits& limits,

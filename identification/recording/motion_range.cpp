@@ -29,20 +29,24 @@ MotionRange motion_range(std::span<const Segment> segments) {
   return out;
 }
 
-double stretch_of(const MotionRange& range) { return std::fmax(1.0, range.speed / kMachineSpeed); }
+namespace {
 
-double stretch_of(std::span<const Segment> segments) { return stretch_of(motion_range(segments)); }
-
-double stretch_of(std::span<const Signals> segments) {
-  double speed = 0.0;
-  for (const Signals& s : segments) {
-    const Eigen::Index d = std::max<Eigen::Index>(1, std::lround(MotionRange::kSpan_s / s.h));
-    if (s.size() <= d) continue;
-    const Eigen::ArrayXd way = s.position.tail(s.size() - d) - s.position.head(s.size() - d);
-    speed = std::fmax(speed, way.abs().maxCoeff() / (s.h * static_cast<double>(d)));
-  }
-  return std::fmax(1.0, speed / kMachineSpeed);
+template <class Part>
+double largest_scale(std::span<const Part> parts) {
+  double largest = 1.0;
+  for (const Part& part : parts) largest = std::max(largest, part.length_scale);
+  return largest;
 }
+
+}  // namespace
+
+void set_length_scale(std::span<Segment> recording, bool rotary) {
+  const double speed = rotary ? motion_range(recording).speed : 0.0;
+  for (Segment& s : recording) s.length_scale = std::fmax(1.0, speed / kMachineSpeed);
+}
+
+double length_scale(std::span<const Segment> segments) { return largest_scale(segments); }
+double length_scale(std::span<const Signals> segments) { return largest_scale(segments); }
 
 namespace {
 

@@ -29,10 +29,11 @@ struct MotionRange {
 [[nodiscard]] MotionRange motion_range(std::span<const Segment> segments);
 
 /// How much larger the lengths and velocities of this axis are than those of machines in m: its
-/// peak speed over kMachineSpeed, at least 1 (twin/effect.h).
-[[nodiscard]] double stretch_of(const MotionRange& range);
-[[nodiscard]] double stretch_of(std::span<const Segment> segments);
-[[nodiscard]] double stretch_of(std::span<const Signals> segments);
+/// peak speed over kMachineSpeed, at least 1, and 1 on every linear axis (twin/effect.h). Parts of
+/// a recording have that of the whole.
+void set_length_scale(std::span<Segment> recording, bool rotary);
+[[nodiscard]] double length_scale(std::span<const Segment> segments);
+[[nodiscard]] double length_scale(std::span<const Signals> segments);
 
 /// Why commands cannot be those of a servo axis, with the unit that may be wrong: faster or longer
 /// than any machine. Empty: they can.

@@ -324,6 +324,7 @@ SegmentedAxis segmented(const Recording& recording, std::string_view axis,
                              " samples without a gap; the longest has " +
                              std::to_string(cutter.longest()) + " of " + count(rows, "row"));
   }
+  set_length_scale(out.segments, out.rotary);
   return out;
 }
 
@@ -404,6 +405,7 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
     if (!neighbour) s.neighbour.resize(0), s.in_plane = false;
     if (!cuts) s.in_cut.resize(0);
   }
+  set_length_scale(axis.segments, axis.rotary);
   if (!torque) axis.torque_unit.clear();
   axis.source += ", " + next.source;
   return begin_s;
@@ -422,6 +424,7 @@ Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size) {
   out.neighbour = channel(whole.neighbour);
   out.in_cut = channel(whole.in_cut);
   out.in_plane = whole.in_plane;
+  out.length_scale = whole.length_scale;
   out.lead = std::clamp<Eigen::Index>(whole.lead - begin, 0, size);
   return out;
 }

@@ -75,6 +75,7 @@ Signals signals_of(const Segment& segment) {
   s.velocity = measured_velocity(segment.actual, s.h, half_window);
   s.acceleration = measured_velocity(s.velocity, s.h, 0);
   s.lead = segment.lead;
+  s.length_scale = segment.length_scale;
   s.start_s = segment.start_s;
   s.in_cut = segment.in_cut;
   if (segment.neighbour.size() == segment.size())
@@ -113,6 +114,7 @@ Signals decimated(const Signals& signals, int every) {
   s.demand_rate = thin(signals.demand_rate);
   s.demand_damping = thin(signals.demand_damping);
   s.lead = (signals.lead + every - 1) / every;
+  s.length_scale = signals.length_scale;
   return s;
 }
 

@@ -28,7 +28,8 @@ struct Signals {
   /// As of a Motion; empty: no drive is known.
   Eigen::ArrayXd demand, demand_rate, demand_damping, friction;
 
-  Eigen::Index lead = 0;  ///< as of the segment
+  Eigen::Index lead = 0;      ///< as of the segment
+  double length_scale = 1.0;  ///< as of the segment
 
   [[nodiscard]] Eigen::Index size() const { return error.size(); }
 };

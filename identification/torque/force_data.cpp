@@ -5,6 +5,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "identification/recording/motion_range.h"
+#include "identification/recording/segments.h"
 #include "twin/hold.h"
 
 namespace servotwin {
@@ -35,15 +37,7 @@ std::vector<Segment> with_torque(const Segment& segment, Eigen::Index shortest) 
   for (Eigen::Index k = 0; k < segment.torque.size();) {
     Eigen::Index end = k;
     while (end < segment.torque.size() && std::isfinite(segment.torque(end))) ++end;
-    if (end - k >= shortest) {
-      Segment part;
-      part.sample_time_s = segment.sample_time_s;
-      part.start_s = segment.start_s + segment.sample_time_s * static_cast<double>(k);
-      part.command = segment.command.segment(k, end - k);
-      part.actual = segment.actual.segment(k, end - k);
-      part.torque = segment.torque.segment(k, end - k);
-      parts.push_back(std::move(part));
-    }
+    if (end - k >= shortest) parts.push_back(part_of(segment, k, end - k));
     k = end + 1;
   }
   return parts;
@@ -99,6 +93,7 @@ ForceData ForceData::of_motion(const std::vector<Segment>& segments, double band
       smoothing = butterworth(kMotionOrder, kMotionBandwidth * bandwidth_hz * h);
   }
   data.step_s_ = h * static_cast<double>(data.thinning_);
+  data.length_scale_ = servotwin::length_scale(segments);
   const Eigen::Index shortest = 2 * data.border_ + 10 * data.thinning_ + 64;
   for (const Segment& segment : segments) {
     for (const Segment& part : with_torque(segment, shortest)) {

@@ -48,6 +48,8 @@ class ForceData {
   [[nodiscard]] const Eigen::VectorXd& least_speed() const { return least_speed_; }
   [[nodiscard]] Eigen::Index rows() const { return force_.size(); }
   [[nodiscard]] double step_s() const { return step_s_; }
+  /// As that of the segments (identification/recording/motion_range.h).
+  [[nodiscard]] double length_scale() const { return length_scale_; }
 
   /// A column of one stretch (one value per sample) after the same filter, one value per row.
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::ArrayXd& samples) const;
@@ -61,6 +63,7 @@ class ForceData {
   Eigen::Index border_ = 0;
   Eigen::Index thinning_ = 1;
   double step_s_ = 0.0;
+  double length_scale_ = 1.0;
   Eigen::VectorXd force_, acceleration_, least_speed_, time_;
 };
 

@@ -40,15 +40,6 @@ Eigen::ArrayXd friction_along(std::size_t kind, const Eigen::ArrayXXd& unit_forc
   return out;
 }
 
-/// As that of segments (identification/recording/motion_range.h).
-double force_stretch(const ForceData& data) {
-  double speed = 0.0;
-  for (const ForceData::Stretch& stretch : data.stretches()) {
-    for (const Motion& m : stretch.motion) speed = std::fmax(speed, std::abs(m.velocity));
-  }
-  return std::fmax(1.0, speed / kMachineSpeed);
-}
-
 class ForceProjection {
  public:
   ForceProjection(const ForceData& data, const ForceStructure& structure,
@@ -57,7 +48,7 @@ class ForceProjection {
         structure_(structure),
         target_(target),
         used_((data.least_speed().array() >= least_speed).cast<double>()),
-        axes_(shape_axes(structure.effects, force_stretch(data))) {
+        axes_(shape_axes(structure.effects, data.length_scale())) {
     if (structure.mass) non_negative_.push_back(true);
     for (const std::size_t kind : structure.effects) {
       for (const Parameter& p : coefficients_of(kind))

@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "identification/recording/segments.h"
+
 namespace servotwin {
 
 namespace {
@@ -46,7 +48,7 @@ void choose(std::vector<FrictionTrial>& trials, double slack) {
 }
 
 /// The part of the segments before or after a share of all their samples.
-std::vector<Segment> part_of(const std::vector<Segment>& segments, double share, bool before) {
+std::vector<Segment> share_of(const std::vector<Segment>& segments, double share, bool before) {
   Eigen::Index rows = 0;
   for (const Segment& s : segments) rows += s.size();
   auto left = static_cast<Eigen::Index>(share * static_cast<double>(rows));
@@ -56,13 +58,7 @@ std::vector<Segment> part_of(const std::vector<Segment>& segments, double share,
     left -= cut;
     const Eigen::Index begin = before ? 0 : cut, count = before ? cut : s.size() - cut;
     if (count == 0) continue;
-    Segment piece;
-    piece.sample_time_s = s.sample_time_s;
-    piece.start_s = s.start_s + s.sample_time_s * static_cast<double>(begin);
-    piece.command = s.command.segment(begin, count);
-    piece.actual = s.actual.segment(begin, count);
-    if (s.torque.size() > 0) piece.torque = s.torque.segment(begin, count);
-    out.push_back(std::move(piece));
+    out.push_back(part_of(s, begin, count));
   }
   return out;
 }
@@ -162,9 +158,9 @@ std::vector<FrictionTrial> compare_on_motion(const std::vector<Segment>& segment
                                              const std::vector<std::size_t>& frictions,
                                              double training_share, double bandwidth_hz) {
   const ForceData first =
-      ForceData::of_motion(part_of(segments, training_share, true), bandwidth_hz);
+      ForceData::of_motion(share_of(segments, training_share, true), bandwidth_hz);
   const ForceData second =
-      ForceData::of_motion(part_of(segments, training_share, false), bandwidth_hz);
+      ForceData::of_motion(share_of(segments, training_share, false), bandwidth_hz);
   std::vector<FrictionTrial> trials;
   for (const std::size_t kind : frictions) {
     std::vector<std::vector<std::size_t>> sets{{kind, kind_of<ConstantForce>()},

@@ -12,6 +12,8 @@
 namespace servotwin {
 namespace {
 
+constexpr double kMetres = 1.0;  // a linear axis
+
 Effect mode_with(double damping_ratio) {
   Effect mode = make_effect<Compliance>();
   mode.shape = {11.2, damping_ratio};
@@ -29,22 +31,23 @@ Model loop_with(double frequency_hz, double damping_ratio) {
 }
 
 TEST(EndOfACause, AModeThatIsDampedAsAFilterIsNoCompliance) {
-  EXPECT_TRUE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.2)));
-  EXPECT_TRUE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.1999)));
-  EXPECT_FALSE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.1)));
+  EXPECT_TRUE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.2), kMetres));
+  EXPECT_TRUE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.1999), kMetres));
+  EXPECT_FALSE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.1), kMetres));
   Effect fast = mode_with(0.03);
   fast.shape[0] = 400.0;  // below half of the sampling rate
-  EXPECT_FALSE(at_end_of("compliance", loop_with(20.0, 0.7), fast));
+  EXPECT_FALSE(at_end_of("compliance", loop_with(20.0, 0.7), fast, kMetres));
 }
 
 // Beyond half of the sampling rate the mode has become the loop, and the loop's pair must vibrate.
 TEST(EndOfACause, AComplianceThatDoesNotVibrateIsNone) {
   Effect exchanged = mode_with(0.03);
   exchanged.shape[0] = 600.0;
-  EXPECT_FALSE(at_end_of("compliance", loop_with(34.0, 0.05), exchanged));
-  EXPECT_EQ(end_text("compliance", loop_with(34.0, 0.87), exchanged),
+  EXPECT_FALSE(at_end_of("compliance", loop_with(34.0, 0.05), exchanged, kMetres));
+  EXPECT_EQ(end_text("compliance", loop_with(34.0, 0.87), exchanged, kMetres),
             "no vibration with a damping ratio below 0.2: a filter or a delay");
-  EXPECT_TRUE(at_end_of("compliance", loop_with(34.0, 1.3), exchanged)) << "two real poles";
+  EXPECT_TRUE(at_end_of("compliance", loop_with(34.0, 1.3), exchanged, kMetres))
+      << "two real poles";
   const auto vibration = vibration_of(loop_with(34.0, 0.05), exchanged);
   ASSERT_TRUE(vibration);
   EXPECT_NEAR(vibration->frequency_hz, 34.0, 1e-9);
@@ -52,9 +55,9 @@ TEST(EndOfACause, AComplianceThatDoesNotVibrateIsNone) {
 }
 
 TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
-  EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.2)),
+  EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.2), kMetres),
             "damping ratio at its limit 0.2: more is a filter than a vibration");
-  EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.1)), "");
+  EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.1), kMetres), "");
 }
 
 TEST(EndOfACause, FrictionThatIsNearlyGoneAtRestStandsForSomethingElse) {
@@ -66,11 +69,11 @@ TEST(EndOfACause, FrictionThatIsNearlyGoneAtRestStandsForSomethingElse) {
   for (std::size_t i = 0; i < shapes.size(); ++i) law.shape[i] = shapes[i].start;
   law.shape[static_cast<std::size_t>(ratio)] = 0.2001;
   for (const char* cause : {"presliding", "stribeck"}) {
-    EXPECT_EQ(end_text(cause, loop_with(20.0, 0.7), law),
+    EXPECT_EQ(end_text(cause, loop_with(20.0, 0.7), law, kMetres),
               "breakaway ratio at its limit 0.2: it stands for something else");
   }
   law.shape[static_cast<std::size_t>(ratio)] = 0.3;
-  EXPECT_EQ(end_text("stribeck", loop_with(20.0, 0.7), law), "");
+  EXPECT_EQ(end_text("stribeck", loop_with(20.0, 0.7), law, kMetres), "");
 }
 
 TEST(EndOfACause, AnAngleOfAFastMotorIsNoLengthOfAMachine) {
@@ -78,7 +81,7 @@ TEST(EndOfACause, AnAngleOfAFastMotorIsNoLengthOfAMachine) {
   const Parameter& way = shapes_of(friction.kind)[0];
   ASSERT_EQ(way.upper, 2e-3);
   friction.shape[0] = 7e-3;
-  EXPECT_THAT(end_text("presliding", loop_with(20.0, 0.7), friction),
+  EXPECT_THAT(end_text("presliding", loop_with(20.0, 0.7), friction, kMetres),
               testing::HasSubstr("limit 0.002"));
   EXPECT_EQ(end_text("presliding", loop_with(20.0, 0.7), friction, 30.0), "");
   friction.shape[0] = 0.06;
@@ -89,32 +92,33 @@ TEST(EndOfACause, AnAngleOfAFastMotorIsNoLengthOfAMachine) {
 TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
   Effect delay = make_effect<TimeDelay>();
   delay.shape[0] = 0.45e-3;
-  EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay),
+  EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay, kMetres),
             "shorter than half a sampling time: it may come from the recording");
   delay.shape[0] = 0.55e-3;
-  EXPECT_FALSE(at_end_of("time_delay", loop_with(20.0, 0.7), delay));
+  EXPECT_FALSE(at_end_of("time_delay", loop_with(20.0, 0.7), delay, kMetres));
 }
 
 // A loop on two masses took the longest delay there is, and its feed-forward took it back.
 TEST(EndOfACause, ADelayAtItsLimitOrTakenBackByTheLoopStandsForSomethingElse) {
   Effect delay = make_effect<TimeDelay>();
   delay.shape[0] = 0.05;
-  EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay),
+  EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay, kMetres),
             "at its limit of 50 ms: it stands for something else");
   delay.shape[0] = 5e-3;
   Model model = loop_with(20.0, 0.7);
   model.effects = {delay};
   model.loop.numerator[0] = 0.5;
-  EXPECT_FALSE(at_end_of("time_delay", model, delay));
+  EXPECT_FALSE(at_end_of("time_delay", model, delay, kMetres));
   model.loop.numerator[0] = -3.0;  // four times the force that the moved mass needs
-  EXPECT_THAT(end_text("time_delay", model, delay), testing::HasSubstr("imitates a velocity lag"));
+  EXPECT_THAT(end_text("time_delay", model, delay, kMetres),
+              testing::HasSubstr("imitates a velocity lag"));
 }
 
 // On a rotary table three of the six parameters of such friction were at their bounds.
 TEST(EndOfACause, FrictionThatBuildsUpOverTheLongestTravelIsSomethingElse) {
   Effect presliding = make_effect<Presliding>();
   presliding.shape = {2e-3, kMaxShape};
-  EXPECT_EQ(end_text("presliding", loop_with(20.0, 0.7), presliding),
+  EXPECT_EQ(end_text("presliding", loop_with(20.0, 0.7), presliding, kMetres),
             "breakaway displacement at its limit 0.002: what builds up over so long a travel is "
             "something else");
 }
@@ -122,8 +126,8 @@ TEST(EndOfACause, FrictionThatBuildsUpOverTheLongestTravelIsSomethingElse) {
 TEST(EndOfACause, OtherCausesHaveNone) {
   Effect presliding = make_effect<Presliding>();
   presliding.shape = {1e-3, kMaxShape};
-  EXPECT_FALSE(at_end_of("presliding", loop_with(20.0, 0.7), presliding));
-  EXPECT_THROW((void)at_end_of("no_cause", loop_with(20.0, 0.7), presliding),
+  EXPECT_FALSE(at_end_of("presliding", loop_with(20.0, 0.7), presliding, kMetres));
+  EXPECT_THROW((void)at_end_of("no_cause", loop_with(20.0, 0.7), presliding, kMetres),
                std::invalid_argument);
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace servotwin {
@@ -63,6 +64,10 @@ TEST(ForcePair, ThatDoesNotExistIsSaidToBeNotFound) {
   EXPECT_FALSE(balanced(ForcePair{0.0, 0.0}, inverse = kApart, kTolerance, [](const ForcePair&) {
     return ForcePair{1.0, 1.0};
   }));
+  for (const ForcePair none : {ForcePair{0.0, NAN}, ForcePair{NAN, 0.0}}) {
+    EXPECT_FALSE(balanced(ForcePair{0.0, 0.0}, inverse = kApart, kTolerance,
+                          [&](const ForcePair&) { return none; }));
+  }
 }
 
 }  // namespace

@@ -139,8 +139,9 @@ int servotwin_balanced_pair(double motor, double load, double inverse[2][2], dou
                             void* of) {
   double left[2];
   miss(of, motor, load, left);
-  for (int trial = 0; trial < 12; ++trial) {
-    if (fmax(fabs(left[0]), fabs(left[1])) <= tolerance) return 1;
+  for (int trial = 0;; ++trial) {
+    if (fabs(left[0]) <= tolerance && fabs(left[1]) <= tolerance) return 1;
+    if (trial == 12) return 0;
     const double step[2] = {-(inverse[0][0] * left[0] + inverse[0][1] * left[1]),
                             -(inverse[1][0] * left[0] + inverse[1][1] * left[1])};
     double next[2];
@@ -160,5 +161,4 @@ int servotwin_balanced_pair(double motor, double load, double inverse[2][2], dou
       left[i] = next[i];
     }
   }
-  return 0;
 }

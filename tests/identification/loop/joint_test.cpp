@@ -7,6 +7,7 @@
 
 #include "drivers/recording_file.h"
 #include "identification/loop/identify.h"
+#include "identification/recording/motion_range.h"
 #include "tests/support/real_data.h"
 #include "tests/support/thesis_study.h"
 #include "twin/twin.h"
@@ -98,7 +99,8 @@ TEST(FastRotaryAxis, HasTheModelOfTheLinearOneInItsUnit) {
   segment.sample_time_s = study.sample_time_s;
   segment.command = kPerMetre * 1e-3 * study.command_mm;
   segment.actual = kPerMetre * 1e-3 * study.actual_mm;
-  const std::vector<Segment> motion{segment};
+  std::vector<Segment> motion{segment};
+  set_length_scale(motion, true);
   // The angle of breakaway is beyond the bound of lengths of machines.
   ASSERT_GT(kPerMetre * 20e-6, shapes_of(kind_of<Presliding>())[0].upper);
   const auto found = joint_fit(motion, {3, {kind_of<Presliding>()}}, {}, 0.0, true);
@@ -110,7 +112,7 @@ TEST(FastRotaryAxis, HasTheModelOfTheLinearOneInItsUnit) {
   EXPECT_NEAR(friction.shape[1], 0.7, 0.005);
   EXPECT_NEAR(friction.coefficient[0], kPerMetre * 0.286, kPerMetre * 0.2e-3);
   // Such a model is valid on a rotary axis only.
-  EXPECT_EQ(why_invalid(found->model, kMostStretch), "");
+  EXPECT_EQ(why_invalid(found->model, kMostLengthScale), "");
   EXPECT_NE(why_invalid(found->model, 1.0).find("breakaway_displacement"), std::string::npos);
 }
 

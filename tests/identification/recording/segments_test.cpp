@@ -11,11 +11,14 @@
 #include <string>
 
 #include "drivers/recording_file.h"
+#include "identification/recording/motion_range.h"
 #include "identification/recording/same_axis.h"
+#include "identification/recording/signals.h"
 #include "identification/recording/time_shift.h"
 #include "tests/identification/sampled_motion.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
@@ -444,6 +447,32 @@ TEST(RequireMotion, NamesTheSignalThatStands) {
   r = sampled(grid(100, 0.001));
   r.axes[0].actual.assign(100, kAbsent);
   refuses(r, {"X.actual has no values"});
+}
+
+// The bounds of friction and play are lengths of machines, and angles where a motor turns faster.
+TEST(LengthScale, IsThatOfTheWholeRecordingOnARotaryAxisOnly) {
+  const auto sine = [](double amplitude, bool rotary) {
+    Recording r = sampled(grid(2000, 0.001));
+    r.axes[0].rotary = rotary;
+    for (std::size_t i = 0; i < r.time.size(); ++i) {
+      r.axes[0].command[i] = amplitude * std::sin(kTwoPi * r.time[i]);
+      r.axes[0].actual[i] = 0.99 * r.axes[0].command[i];
+    }
+    return segment_axis(r, "X");
+  };
+  // A sine of 10 rad and 1 Hz turns at 62.8 rad/s, 31.4 times 2 rad/s.
+  SegmentedAxis motor = sine(10.0, true);
+  EXPECT_NEAR(length_scale(motor.segments), 31.4, 0.05);
+  EXPECT_EQ(length_scale(sine(10.0, false).segments), 1.0) << "a linear axis of 62.8 m/s";
+  EXPECT_EQ(length_scale(sine(0.1, true).segments), 1.0) << "0.63 rad/s";
+  // Around a reversal, where it turns at 10 rad/s at most.
+  const Segment part = part_of(motor.segments[0], 225, 50);
+  EXPECT_EQ(part.length_scale, motor.segments[0].length_scale);
+  const Signals thinned = decimated(signals_of(part), 2);
+  EXPECT_EQ(thinned.length_scale, motor.segments[0].length_scale);
+  append(motor, sine(20.0, true));
+  EXPECT_NEAR(motor.segments.front().length_scale, 62.8, 0.1);
+  EXPECT_NEAR(motor.segments.back().length_scale, 62.8, 0.1);
 }
 
 // Any mixture of faults: nothing is lost uncounted, and what comes out is finite, even and in
