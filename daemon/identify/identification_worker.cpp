@@ -63,7 +63,9 @@ std::string with_origin(const std::string& reason, const std::string& because) {
 RmsEstimate noise_floor_of(const EvidenceMemory& evidence) {
   const NoiseFloor motion =
       noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
-  const NoiseFloor standing = noise_floor(evidence.kept({Evidence::kStandstill}));
+  // Readings at rest do not show the step where they change between few values.
+  const NoiseFloor standing =
+      noise_floor(evidence.kept({Evidence::kStandstill}), motion.encoder_step);
   return standing.white.rms > motion.rms ? standing.white : motion;
 }
 

@@ -214,9 +214,9 @@ Eigen::Index lap_of(const Segment& s) {
 
 }  // namespace
 
-NoiseFloor noise_floor(const std::vector<Segment>& segments) {
+NoiseFloor noise_floor(const std::vector<Segment>& segments, double known_step) {
   NoiseFloor floor;
-  floor.encoder_step = encoder_step(segments);
+  floor.encoder_step = known_step > 0.0 ? known_step : encoder_step(segments);
   White white;
   Repeats repeats;
   for (const Segment& s : segments) {

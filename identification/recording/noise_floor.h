@@ -29,6 +29,7 @@ struct NoiseFloor : RmsEstimate {  ///< the larger one of `white` and `repeats`,
 };
 
 /// Any thread, any segments; a figure that the recording does not contain stays NaN.
-[[nodiscard]] NoiseFloor noise_floor(const std::vector<Segment>& segments);
+/// `known_step`: of the encoder, from other motion of this axis; 0: sought in these segments.
+[[nodiscard]] NoiseFloor noise_floor(const std::vector<Segment>& segments, double known_step = 0.0);
 
 }  // namespace servotwin

@@ -173,6 +173,20 @@ TEST(NoiseFloor, AHeldEncoderIsNotTakenForNoise) {
   EXPECT_TRUE(std::isnan(noise_floor({s}).white.rms));
 }
 
+// At rest the readings change between a few steps: held, unless the step is known from motion.
+TEST(NoiseFloor, AtRestIsMeasuredWithTheStepThatMotionHasShown) {
+  constexpr double kStep = 1e-6, kNoise = 0.5e-6;
+  std::mt19937 random(11);
+  std::normal_distribution<double> noise(0.0, kNoise);
+  Segment rest;
+  rest.sample_time_s = 1e-3;
+  rest.command.setConstant(4000, 0.1);
+  rest.actual = rest.command;
+  for (double& x : rest.actual) x = kStep * std::round((x + noise(random)) / kStep);
+  // Noise and rounding add up: sqrt(0.5^2 + 1 / 12) um.
+  EXPECT_NEAR(noise_floor({rest}, kStep).white.rms, 0.577e-6, 0.03e-6);
+}
+
 // Where friction has caught an integrator, the axis creeps; here by four times its noise in 50 ms.
 TEST(NoiseFloor, CreepAtRestIsNoNoise) {
   Segment s = half_at_rest(0.7e-6);
