@@ -204,7 +204,7 @@ void Section::name(const std::string& key, std::size_t longest, std::string& to)
   }
 }
 
-void Section::one_of(const std::string& key, std::initializer_list<std::string> allowed,
+void Section::one_of(const std::string& key, const std::vector<std::string>& allowed,
                      std::string& to) {
   const toml::node* node = find(key);
   if (node == nullptr) return;

@@ -6,7 +6,6 @@
 #include <toml++/toml.h>
 
 #include <cstddef>
-#include <initializer_list>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -59,7 +58,7 @@ class Section {
   void text(const std::string& key, std::size_t shortest, std::size_t longest, std::string& to);
   /// A text that is valid in file names, column names and messages.
   void name(const std::string& key, std::size_t longest, std::string& to);
-  void one_of(const std::string& key, std::initializer_list<std::string> allowed, std::string& to);
+  void one_of(const std::string& key, const std::vector<std::string>& allowed, std::string& to);
   /// [lowest, highest] of something that is searched between them.
   void range(const std::string& key, double lower, double upper, const std::string& unit,
              double& from, double& to);

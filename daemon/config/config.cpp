@@ -13,6 +13,7 @@
 #include "drivers/messages.h"
 #include "drivers/text.h"
 #include "drivers/toml_section.h"
+#include "identification/loop/joint.h"
 #include "twin/catalogue.h"
 #include "twin/contour.h"
 
@@ -234,13 +235,33 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.number("min_improvement", 0.0, 0.9, "", identify.min_improvement);
   std::string method = "joint";
   section.one_of("method", {"joint", "pole-search"}, method);
-  identify.options.method = method == "joint" ? Method::kJoint : Method::kPoleSearch;
-  PoleBounds& poles = identify.options.bounds;
+  IdentifyOptions& options = identify.options;
+  options.method = method == "joint" ? Method::kJoint : Method::kPoleSearch;
+  std::string friction, structure = "rigid";
+  std::vector<std::string> frictions;
+  for (const std::size_t kind : friction_kinds()) frictions.emplace_back(identity_of(kind).id);
+  section.one_of("friction", frictions, friction);
+  if (!friction.empty()) options.friction = kind_of(friction);
+  section.integer("modes", 0, static_cast<int>(kMaxModes), options.modes);
+  section.one_of("structure", {"rigid", "two-mass", "auto"}, structure);
+  options.masses = structure == "two-mass" ? Masses::kTwo
+                   : structure == "auto"   ? Masses::kChosen
+                                           : Masses::kRigid;
+  const auto needs = [&](const char* key, const char* what) {
+    if (section.find(key) != nullptr) section.report(key, what);
+  };
+  if (options.method != Method::kJoint) {
+    needs("friction", "needs method = \"joint\"");
+    if (options.masses != Masses::kRigid) needs("structure", "needs method = \"joint\"");
+  }
+  if (options.masses != Masses::kRigid && options.modes > 0)
+    needs("modes", "two masses have the vibration of their spring: leave out modes or structure");
+  PoleBounds& poles = options.bounds;
   section.range("real_pole_hz", 1e-3, 1e5, "Hz", poles.real_min_hz, poles.real_max_hz);
   section.range("omega_hz", 1e-3, 1e5, "Hz", poles.omega_min_hz, poles.omega_max_hz);
   section.range("zeta", 1e-3, 100.0, "", poles.zeta_min, poles.zeta_max);
   const Parameter& delay = TimeDelay::kShapes[0];
-  section.number("delay_max_s", delay.lower, delay.upper, "s", identify.options.delay_max_s);
+  section.number("delay_max_s", delay.lower, delay.upper, "s", options.delay_max_s);
   if (identify.memory_s < identify.window_s) {
     section.report(section.find("window_s") != nullptr ? "window_s" : "memory_s",
                    "a model is fitted to the last memory_s = " + number(identify.memory_s) +

@@ -12,6 +12,7 @@
 #include "drivers/text.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/shown_units.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -285,6 +286,11 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
         "no step: friction from slow reversals starts from an identified model, and model " +
         std::to_string(state.in_force->record.version) + " contains what a diagnosis found";
     return;
+  } else if (two_mass_of(state.in_force->record.model) != nullptr) {
+    state.last_step =
+        "no step: two masses are identified from fast motion, and none is new since model " +
+        std::to_string(state.in_force->record.version);
+    return;
   } else if (kept.of(Evidence::kFastMotion) == 0.0) {
     state.last_step =
         "no step: friction from slow reversals needs stored fast motion to determine the "
@@ -292,6 +298,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
     return;
   } else {
     options.start = state.in_force->record.model;
+    options.masses = Masses::kRigid;
     state.last_step = "friction" + on + tenths(slow_s) +
                       " of slow reversals are new, fast motion is not; starting from model " +
                       std::to_string(state.in_force->record.version);

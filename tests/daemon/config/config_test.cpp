@@ -36,6 +36,13 @@ TEST(Config, NothingSetIsTheDefaults) {
   EXPECT_TRUE(checked.config.axes.empty());
 }
 
+TEST(Config, FrictionAndStructureAreNamedAsOnTheCommandLine) {
+  const Config config =
+      check_config("[identify]\nfriction = 'gms'\nstructure = 'auto'\n", "m.toml").config;
+  EXPECT_EQ(config.identify.options.friction, kind_of<MaxwellSlip>());
+  EXPECT_EQ(config.identify.options.masses, Masses::kChosen);
+}
+
 TEST(Config, EveryKeyIsRead) {
   const CheckedConfig checked = check_config(R"(
     [machine]
@@ -67,6 +74,7 @@ TEST(Config, EveryKeyIsRead) {
     omega_hz = [3.0, 200.0]
     zeta = [0.3, 1.5]
     delay_max_s = 0.01
+    modes = 2
     [diagnose]
     every_s = 600
     record_s = 45.5
@@ -115,6 +123,9 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_EQ(options.bounds.zeta_min, 0.3);
   EXPECT_EQ(options.bounds.zeta_max, 1.5);
   EXPECT_EQ(options.delay_max_s, 0.01);
+  EXPECT_EQ(options.modes, 2);
+  EXPECT_EQ(options.friction, std::nullopt);
+  EXPECT_EQ(options.masses, Masses::kRigid);
   EXPECT_EQ(config.diagnose.every_s, 600.0);
   EXPECT_EQ(config.diagnose.record_s, 45.5);
   EXPECT_EQ(config.diagnose.false_alarm_days, 7.0);
@@ -205,6 +216,11 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         WrongKey{"[identify]\nmethod = tru\n",
                  "m.toml:2:13: Error while parsing boolean: expected 'true', saw 'tru '"},
+        WrongKey{"[identify]\nstructure = 'auto'\nmodes = 2\n",
+                 "m.toml:3:9: identify.modes = 2: two masses have the vibration of their spring: "
+                 "leave out modes or structure"},
+        WrongKey{"[identify]\nmethod = 'pole-search'\nfriction = 'dahl'\n",
+                 "m.toml:3:12: identify.friction = 'dahl': needs method = \"joint\""},
         WrongKey{"[identify]\ndelay_max_s = 0.0625\n",
                  "m.toml:2:15: identify.delay_max_s = 0.0625: must be a number from 0 to 0.05 s"},
         WrongKey{

@@ -17,8 +17,10 @@ namespace {
 
 using testing::AllOf;
 using testing::AnyOf;
+using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::Not;
 using testing::StartsWith;
 
 namespace vm = virtual_machine;
@@ -209,6 +211,23 @@ TEST_F(StepsTest, FrictionIsSoughtInTheStructureOfTheModelInForce) {
   EXPECT_THAT(steps(), ElementsAre(StartsWith("loop and "), StartsWith("loop and "),
                                    StartsWith("friction on ")));
   EXPECT_THAT(orders, ElementsAre(3, 2, 2)) << "the newest first\n" << said_.str();
+}
+
+// Of a spring slow reversals show little, and a start from a model is one of a rigid axis.
+TEST_F(StepsTest, SlowReversalsAreNoReasonForAStepWithTwoMassesInForce) {
+  config_.min_improvement = 0.9;  // nothing is that much better, so that they stay in force
+  start();
+  Model model = drive();
+  model.effects.push_back(make_effect<TwoMassMotorEncoder>());
+  ModelRecord record = record_of(model);
+  store_->promote(record, {"2026-01-31T12:00:00.000Z", "X", "model_promoted", "", ""});
+  worker_->restore();
+  vm::Trajectory program;
+  move_fast(program, 6.2);
+  reverse_slowly(program, 10.0);
+  run(program);
+  EXPECT_THAT(steps(), Not(Contains(StartsWith("friction on ")))) << said_.str();
+  EXPECT_THAT(activity(), HasSubstr("no step: two masses are identified from fast motion"));
 }
 
 TEST_F(StepsTest, SteadyMotionIsNoReasonForAnyStep) {
