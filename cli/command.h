@@ -40,6 +40,7 @@ struct Command {
 [[nodiscard]] Command add_replay(CLI::App& app);
 [[nodiscard]] Command add_watch(CLI::App& app);
 [[nodiscard]] Command add_mqtt(CLI::App& app);
+[[nodiscard]] Command add_ros2(CLI::App& app);
 [[nodiscard]] Command add_mtconnect(CLI::App& app);
 [[nodiscard]] Command add_history(CLI::App& app);
 [[nodiscard]] Command add_export(CLI::App& app);

@@ -8,6 +8,7 @@ bool Subscriber::receive(LiveRecord& record) {
   while (predictions_.receive(prediction_, wait_s)) {
     take_frames(record);
     record.on_prediction(prediction_, predictions_.written_ns());
+    on_prediction(prediction_);
     predicts_ = predictions_.writer();
     any = true;
     wait_s = 0.0;
@@ -15,6 +16,7 @@ bool Subscriber::receive(LiveRecord& record) {
   take_frames(record);
   while (statuses_.receive(status_, 0.0)) {
     record.on_status(status_);
+    on_status(status_);
     daemon_ = statuses_.writer();
   }
   while (models_.receive(model_, 0.0)) {

@@ -24,6 +24,8 @@ class Subscriber {
         statuses_(node_) {}
 
   /// Called by receive() with what it receives, after the record has it.
+  std::function<void(const MachinePrediction&)> on_prediction = [](const MachinePrediction&) {};
+  std::function<void(const MachineStatus&)> on_status = [](const MachineStatus&) {};
   std::function<void(const ModelAnnouncement&)> on_model = [](const ModelAnnouncement&) {};
   std::function<void(const DiagnosisAnnouncement&)> on_diagnosis =
       [](const DiagnosisAnnouncement&) {};

@@ -42,17 +42,19 @@ std::string real_time_threads(int priority) {
 }
 
 /// The domain with the settings of this program, shared by all nodes of this process; null if the
-/// environment configures it.
-std::shared_ptr<DdsEntity> domain_of(std::uint32_t id, int receive_priority) {
+/// environment configures it, or Cyclone DDS itself is to.
+std::shared_ptr<DdsEntity> domain_of(const DdsPlace& place) {
   limit_dds_log();
-  if (dds_configured_outside()) return nullptr;
+  if (dds_configured_outside() || !place.this_host_only) return nullptr;
+  const std::uint32_t id = place.domain;
   static std::mutex mutex;
   static std::map<std::uint32_t, std::weak_ptr<DdsEntity>> domains;
   const std::lock_guard lock(mutex);
   std::shared_ptr<DdsEntity> domain = domains[id].lock();
   if (domain == nullptr) {
     const std::string settings =
-        kLoopback + (receive_priority > 0 ? real_time_threads(receive_priority) : std::string());
+        kLoopback +
+        (place.receive_priority > 0 ? real_time_threads(place.receive_priority) : std::string());
     const OwnHostBind own_host;  // opens the sockets
     domain = std::make_shared<DdsEntity>(dds_create_domain(id, settings.c_str()),
                                          "open DDS domain " + std::to_string(id));
@@ -146,7 +148,7 @@ DdsEntity::~DdsEntity() {
 
 DdsNode::DdsNode(DdsPlace place)
     : place_(checked(std::move(place))),
-      domain_(domain_of(place_.domain, place_.receive_priority)),
+      domain_(domain_of(place_)),
       participant_(dds_create_participant(place_.domain, nullptr, nullptr),
                    "join DDS domain " + std::to_string(place_.domain)),
       publisher_(dds_create_publisher(participant_.get(), partition_of(place_).get(), nullptr),

@@ -46,6 +46,9 @@ struct DdsPlace {
   /// needs permission for it. The first node of a domain decides; if CYCLONEDDS_URI is set, that
   /// does.
   int receive_priority = 0;
+  /// Without CYCLONEDDS_URI: nothing leaves this host. False: as Cyclone DDS does by itself, by
+  /// multicast on the network. The first node of a domain in this process decides.
+  bool this_host_only = true;
 };
 
 /// Whether CYCLONEDDS_URI configures Cyclone DDS, instead of this program.

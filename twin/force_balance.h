@@ -65,7 +65,7 @@ bool balanced(ForcePair forces, PairBySlopes& inverse, double tolerance,
               const Miss& miss_at) noexcept {
   constexpr int kTrials = 12;
   constexpr double kMinAlong = 1e-9;  // of the step's square: below, the slopes are singular
-  auto& [by_first, by_second] = inverse;
+  ForcePair &by_first = inverse[0], &by_second = inverse[1];
   const auto along = [&](const ForcePair& misses) {
     return ForcePair{by_first[0] * misses[0] + by_first[1] * misses[1],
                      by_second[0] * misses[0] + by_second[1] * misses[1]};
