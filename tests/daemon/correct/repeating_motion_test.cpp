@@ -85,6 +85,19 @@ void part(Commands& path) {
 }
 constexpr std::size_t kPartRows = 500 + 200 + 1000 + 50 + 400;
 
+/// The part three times, and a row within the last turn of it.
+struct ThreeParts {
+  ThreeParts() {
+    for (const std::size_t pause : {700U, 731U, 1502U}) {
+      in_last_turn = path.rows() + 1200;
+      part(path);
+      path.rest(pause);
+    }
+  }
+  Commands path;
+  std::size_t in_last_turn = 0;
+};
+
 TEST(RepeatingMotion, TheBeginsAndThePartAreThoseOfThePathWhateverThePausesBetween) {
   Commands path;
   std::vector<std::size_t> begins;
@@ -261,15 +274,9 @@ TEST(RepeatingMotion, OfTheSameWayTheShortestSequenceIsTheRepetition) {
 
 TEST(RepeatingMotion, RowsWithinTheToleranceAreTheSameAndOneBeyondIsNot) {
   for (const double away : {1.5e-6, 2.5e-6}) {
-    Commands path;
-    std::size_t last = 0;
-    for (const std::size_t pause : {700U, 731U, 1502U}) {
-      last = path.rows();
-      part(path);
-      path.rest(pause);
-    }
-    path.commands_[1][last + 1200] += away;  // within the turn
-    const std::optional<RepeatingMotion> found = path.found();
+    ThreeParts three;
+    three.path.commands_[1][three.in_last_turn] += away;
+    const std::optional<RepeatingMotion> found = three.path.found();
     EXPECT_EQ(found.has_value(), away < kTolerance);
     if (found) {
       EXPECT_NEAR(found->deviation, away, 1e-12);
@@ -279,16 +286,10 @@ TEST(RepeatingMotion, RowsWithinTheToleranceAreTheSameAndOneBeyondIsNot) {
 
 TEST(RepeatingMotion, ALostCycleWithinMakesItAnother) {
   for (const bool lost : {false, true}) {
-    Commands path;
-    std::size_t last = 0;
-    for (const std::size_t pause : {700U, 731U, 1502U}) {
-      last = path.rows();
-      part(path);
-      path.rest(pause);
-    }
+    ThreeParts three;
     if (lost)
-      for (auto& axis : path.commands_) axis[last + 1200] = std::nan("");
-    EXPECT_EQ(path.found().has_value(), !lost);
+      for (auto& axis : three.path.commands_) axis[three.in_last_turn] = std::nan("");
+    EXPECT_EQ(three.path.found().has_value(), !lost);
   }
 }
 

@@ -183,32 +183,29 @@ TEST_F(WorkerTest, AProposedModelIsJudgedLikeAnyOther) {
 
 // Where the axis stands in a rest, and what of it friction holds, only the motion before tells.
 TEST_F(WorkerTest, AModelThatIsProposedInARestIsJudgedWithTheMotionBefore) {
-  SegmentedAxis axis;
-  axis.axis = "X";
-  const RestBetweenMoves all = rest_between_moves(held_by_friction());
-  axis.segments = {all.segment};
-  axis.sample_time_s = all.segment.sample_time_s;
+  const HeldAxis held = axis_held_by_friction();
+  const Segment& all = held.segment();
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.order = 2;
-  const ModelRecord right = identify(axis, options).record;
+  const ModelRecord right = identify(held.axis, options).record;
   config_.judge_s = 1.5;
   restart();
   const auto run_until = [&](double end_s) {
-    for (; static_cast<double>(row_) * axis.sample_time_s < end_s; ++row_) {
+    for (; static_cast<double>(row_) * all.sample_time_s < end_s; ++row_) {
       CycleRow row;
       row.time_ns = row_ * 1'000'000;
       row.after_gap = row_ == 0;
       row.axis_count = 1;
-      row.axes[0] = {all.segment.command(row_), all.segment.actual(row_), kAbsent};
+      row.axes[0] = {all.command(row_), all.actual(row_), kAbsent};
       memory_->append(row);
     }
   };
-  run_until(all.rest_begins_s + 0.3 * all.rest_s);
-  ASSERT_GT(std::abs(all.segment.command(row_) - all.segment.actual(row_)), 5e-6) << "held away";
+  run_until(held.in_rest_s);
+  ASSERT_GT(std::abs(all.command(row_) - all.actual(row_)), 5e-6) << "held away";
   worker_->propose(0, right, "as the test has it", 0.0, 5.0);
   worker_->look(0);
-  run_until(all.segment.end_s());
+  run_until(all.end_s());
   ASSERT_TRUE(worker_->look(0));
   ASSERT_EQ(announced_.size(), 1U) << status().last_refusal;
   EXPECT_LT(announced_[0].record.holdout.rms, 2.0 * right.training.rms);

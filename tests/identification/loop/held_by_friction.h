@@ -2,9 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <utility>
 
+#include "identification/recording/segments.h"
 #include "tests/hidden_effects/rig.h"
-#include "twin/sample.h"
 
 namespace servotwin {
 
@@ -22,14 +23,15 @@ inline hidden_effects::Rig held_by_friction() {
   return rig;
 }
 
-struct RestBetweenMoves {
-  Segment segment;
-  double rest_begins_s = 0.0, rest_s = 1.2;
+/// A recording with one segment: moves of 5.4 s, a rest of 1.2 s, and moves again until 10 s.
+struct HeldAxis {
+  SegmentedAxis axis;
+  double in_rest_s = 0.0;  // within the rest
+  [[nodiscard]] const Segment& segment() const { return axis.segments.front(); }
 };
 
-/// Moves of 5.4 s, a rest, and moves again until `ends_s`.
-inline RestBetweenMoves rest_between_moves(const hidden_effects::Rig& rig, double ends_s = 10.0) {
-  constexpr double kRestBegins_s = 5.4;
+inline HeldAxis axis_held_by_friction() {
+  constexpr double kRestBegins_s = 5.4, kRest_s = 1.2, kEnds_s = 10.0;
   constexpr virtual_machine::Limits kBrisk{.velocity = 0.2, .acceleration = 4.0, .jerk = 150.0};
   virtual_machine::Trajectory path(0.0);
   path.dwell(0.2);
@@ -40,16 +42,21 @@ inline RestBetweenMoves rest_between_moves(const hidden_effects::Rig& rig, doubl
       path.move_to((moves % 2 == 0 ? 0.02 : -0.015) * (1 + moves % 3), kBrisk);
     }
   };
-  RestBetweenMoves out;
+  HeldAxis out;
   move_until(kRestBegins_s);
-  out.rest_begins_s = path.duration();
-  path.dwell(out.rest_s);
-  move_until(ends_s);
+  out.in_rest_s = path.duration() + 0.3 * kRest_s;
+  path.dwell(kRest_s);
+  move_until(kEnds_s);
+  const hidden_effects::Rig rig = held_by_friction();
   const auto trace = hidden_effects::simulate(rig, path);
   const auto rows = static_cast<Eigen::Index>(trace.command.size());
-  out.segment.sample_time_s = rig.reading.sample_time;
-  out.segment.command = Eigen::Map<const Eigen::ArrayXd>(trace.command.data(), rows);
-  out.segment.actual = Eigen::Map<const Eigen::ArrayXd>(trace.actual.data(), rows);
+  Segment segment;
+  segment.sample_time_s = rig.reading.sample_time;
+  segment.command = Eigen::Map<const Eigen::ArrayXd>(trace.command.data(), rows);
+  segment.actual = Eigen::Map<const Eigen::ArrayXd>(trace.actual.data(), rows);
+  out.axis.axis = "X";
+  out.axis.sample_time_s = segment.sample_time_s;
+  out.axis.segments = {std::move(segment)};
   return out;
 }
 

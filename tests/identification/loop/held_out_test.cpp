@@ -11,19 +11,15 @@ namespace servotwin {
 namespace {
 
 TEST(HeldOut, ThatBeginInARestAreJudgedWithTheMotionBefore) {
-  SegmentedAxis axis;
-  axis.axis = "X";
-  const RestBetweenMoves all = rest_between_moves(held_by_friction());
-  axis.segments = {all.segment};
-  axis.sample_time_s = all.segment.sample_time_s;
+  const HeldAxis held = axis_held_by_friction();
   IdentifyOptions options;
   options.method = Method::kJoint;
-  options.training_share = (all.rest_begins_s + 0.3 * all.rest_s) / all.segment.end_s();
-  const auto [training, holdout] = split(axis.segments, *options.training_share);
+  options.training_share = held.in_rest_s / held.segment().end_s();
+  const auto [training, holdout] = split(held.axis.segments, *options.training_share);
   const Segment& rest = holdout.front();
   ASSERT_EQ(rest.command.head(200).maxCoeff(), rest.command.head(200).minCoeff()) << "a rest";
   ASSERT_GT(std::abs(rest.command(0) - rest.actual(0)), 5e-6) << "away from the command";
-  const ModelRecord record = identify(axis, options).record;
+  const ModelRecord record = identify(held.axis, options).record;
   EXPECT_EQ(record.model.loop.order, 2) << "no integrator, though Coulomb friction alone wants one";
   EXPECT_LT(record.holdout.rms, 2.0 * record.training.rms);
   EXPECT_LT(record.holdout.max, 5e-6);
