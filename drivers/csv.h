@@ -19,6 +19,8 @@
 
 namespace servotwin {
 
+class AtomicFile;
+
 [[nodiscard]] Recording read_csv(const std::filesystem::path& file, const ReadOptions& options);
 
 /// The last line of a recording that this program wrote is this comment with the CRC-32 of all
@@ -31,5 +33,7 @@ inline constexpr std::string_view kChecksumComment = "# crc32 ";
 /// every row are left out. Throws std::runtime_error if the disk refuses, std::invalid_argument if
 /// the recording is not consistent.
 void write_recording_csv(const std::filesystem::path& file, const Recording& recording);
+/// The same, into a file that the caller commits.
+void write_recording_csv(const AtomicFile& out, const Recording& recording);
 
 }  // namespace servotwin

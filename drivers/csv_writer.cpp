@@ -57,9 +57,14 @@ std::vector<Written> columns_of(const Recording& recording) {
 }  // namespace
 
 void write_recording_csv(const std::filesystem::path& file, const Recording& recording) {
+  AtomicFile out(file);
+  write_recording_csv(out, recording);
+  out.commit();
+}
+
+void write_recording_csv(const AtomicFile& out, const Recording& recording) {
   constexpr std::size_t kBlock = 1 << 20, kLongestNumber = 32;
   const std::vector<Written> columns = columns_of(recording);
-  AtomicFile out(file);
   std::string text;
   std::uint32_t crc32 = 0;
   const auto write = [&] {
@@ -82,7 +87,6 @@ void write_recording_csv(const std::filesystem::path& file, const Recording& rec
   }
   write();
   out.write(std::string(kChecksumComment) + crc32_text(crc32) + '\n');
-  out.commit();
 }
 
 }  // namespace servotwin

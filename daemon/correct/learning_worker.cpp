@@ -12,6 +12,9 @@
 namespace servotwin::daemon {
 namespace {
 constexpr double kProgramTimeout_s = 0.1;  // timeout after which the worker checks whether to stop
+// A repetition is over when none of its moves has ended for so many of its periods: one pause that
+// is longer than those before is not the end.
+constexpr double kPeriodsUntilOver = 2.0;
 
 std::map<std::string, int> versions_of(const std::vector<StoredModel>& in_force) {
   std::map<std::string, int> out;
@@ -75,6 +78,7 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
   if (list_ != nullptr) changes_seen_ = list_->changes();
   const ProgramFolder::News news = folder_->look(wall_ns());
   if (!news.problem.empty()) events_.error("program_refused", "", "ilc.programs: " + news.problem);
+  if (!news.gone.empty() || !news.found.empty()) filed_.clear();
   for (const std::string& program : news.gone) gone(program);
   for (const ProgramFolder::Found& found : news.found) {
     from_folder_[found.program] = found.revision;
@@ -86,14 +90,23 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
 
 void LearningWorker::look_for_repetition(std::int64_t now_ns) {
   if (!hear_ || rules_.ilc.recognise == IlcConfig::Recognise::kOff ||
-      between_ns(heard_ns_, now_ns) < kLookEvery_ns)
+      between_ns(listened_ns_, now_ns) < kLookEvery_ns)
     return;
-  heard_ns_ = now_ns;
+  listened_ns_ = now_ns;
   const Recording news = hear_(heard_s_);
-  if (news.time.empty()) return;
-  heard_s_ = news.time.back();
-  if (!motion_.take(news)) return;
+  if (!news.time.empty()) {
+    heard_s_ = news.time.back();
+    heard_ns_ = now_ns;
+  }
+  if (!motion_.take(news)) {
+    const double silent_s = 1e-9 * static_cast<double>(between_ns(heard_ns_, now_ns));
+    if (repeats_ &&
+        std::max(heard_s_ - repeated_s_, silent_s) > kPeriodsUntilOver * repeats_->longest_period_s)
+      repeats_.reset();
+    return;
+  }
   repeats_.reset();
+  repeated_s_ = heard_s_;
   std::optional<RepeatingMotion> found = motion_.repetition();
   if (!found) return;
   // The loop recognises so many programs; the longest are worth most.
@@ -105,27 +118,41 @@ void LearningWorker::look_for_repetition(std::int64_t now_ns) {
   for (const RepeatedPart& part : found->parts) {
     CommandedPath path = motion_.program_of(part);
     std::string name = known(path);
-    if (name.empty()) {
-      name = path.name;
-      recognise(std::move(path), repeats);
-    }
-    repeats.programs.push_back(name);
+    if (name.empty()) name = recognise(std::move(path), repeats);
+    repeats.programs.push_back(std::move(name));
   }
   repeats_ = std::move(repeats);
 }
 
-std::string LearningWorker::known(const CommandedPath& path) const {
-  const double tolerance = rules_.ilc.match_tolerance;
-  for (const Kept& one : kept_) {
-    if (begin_alike(one->program, path, tolerance)) return one->program.name;
-  }
-  for (const Recognised& one : recognised_) {
-    if (begin_alike(*one.path, path, tolerance)) return one.path->name;
-  }
-  return {};
+bool LearningWorker::one_motion(const CommandedPath& a, const CommandedPath& b) const {
+  // Each is within the tolerance of the motion.
+  return begin_alike(a, b, 2.0 * rules_.ilc.match_tolerance);
 }
 
-void LearningWorker::recognise(CommandedPath path, const MotionRepeats& repeats) {
+std::string LearningWorker::known(const CommandedPath& heard) {
+  for (const Kept& one : kept_) {
+    if (one_motion(one->program, heard)) return one->program.name;
+  }
+  for (const Recognised& one : recognised_) {
+    if (one_motion(*one.path, heard)) return one.path->name;
+  }
+  for (const Filed& one : filed_) {
+    if (one_motion(one.heard, heard)) return one.program;
+  }
+  if (!folder_) return {};
+  std::string name = folder_->find(
+      [&](const CommandedPath& program) { return one_motion(program, heard); }, give_up_);
+  if (name.empty()) return name;
+  if (filed_.size() == kMaxKept) filed_.erase(filed_.begin());
+  filed_.push_back({heard, name});
+  return name;
+}
+
+std::string LearningWorker::recognise(CommandedPath path, const MotionRepeats& repeats) {
+  // The file of this name has another path by now.
+  const std::string motion = path.name;
+  for (int n = 2; folder_ && folder_->found().contains(path.name); ++n)
+    path.name = motion + "-" + std::to_string(n);
   const std::string name = path.name;
   std::vector<std::string> axes;
   for (const std::size_t axis : path.axes) axes.push_back(rules_.machine.axes[axis].name);
@@ -134,11 +161,9 @@ void LearningWorker::recognise(CommandedPath path, const MotionRepeats& repeats)
       listed(axes) + " repeat " + std::to_string(path.rows()) + " rows of motion; " +
       std::to_string(repeats.repetitions) + " times until now, every " + rounded(shortest_s) +
       (rounded(longest_s) == rounded(shortest_s) ? "" : " to " + rounded(longest_s)) + " s";
-  const bool in_folder = folder_ && folder_->found().contains(name);
   const bool learns = rules_.ilc.recognise == IlcConfig::Recognise::kLearn;
   const std::string next =
-      in_folder ? "it is in the folder of programs"
-      : learns  ? "it is put into the folder of programs"
+      learns    ? "it is put into the folder of programs"
       : folder_ ? "to have it learned, send PUT /api/v1/programs/" + name + " without a body"
                 : "to have it learned, configure ilc.programs";
   events_.note("motion_repeats", "", "program '" + name + "' is recognised: " + text + "; " + next,
@@ -151,11 +176,12 @@ void LearningWorker::recognise(CommandedPath path, const MotionRepeats& repeats)
                    .dump());
   if (recognised_.size() == kMaxKept) recognised_.erase(recognised_.begin());
   recognised_.push_back({std::make_shared<const CommandedPath>(std::move(path)), text});
-  if (in_folder || !learns || !accept_) return;
+  if (!learns || !accept_) return name;
   show();  // what is accepted is taken from the list
   if (const ProgramInbox::Outcome outcome = accept_(name);
       outcome.what != ProgramInbox::Outcome::What::kDone)
     events_.error("program_refused", "", "program '" + name + "': " + outcome.text);
+  return name;
 }
 
 void LearningWorker::gone(const std::string& program) {
@@ -257,6 +283,7 @@ void LearningWorker::renew(std::int64_t now_ns) {
 void LearningWorker::judge(const OffsetRun& run) {
   if (run.live && hear_) {  // what was commanded has the offset in it and is no program
     motion_.forget();
+    repeats_.reset();
     if (const Recording heard = hear_(heard_s_); !heard.time.empty()) heard_s_ = heard.time.back();
   }
   const auto found = std::find_if(kept_.begin(), kept_.end(),
@@ -330,8 +357,7 @@ void LearningWorker::keep(Kept learned) {
     kept_.erase(kept_.begin());
   }
   std::erase_if(recognised_, [&](const Recognised& one) {
-    return one.path->name != name &&
-           begin_alike(*one.path, learned->program, rules_.ilc.match_tolerance);
+    return one.path->name != name && one_motion(*one.path, learned->program);
   });
   kept_.push_back(std::move(learned));
   hand_over_plan();

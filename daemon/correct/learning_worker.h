@@ -105,9 +105,13 @@ class LearningWorker {
   void keep(Kept learned);
   void forget(const std::string& program);
   void hand_over_plan(bool renewed = false);
-  /// The name of the kept or recognised program that is this path or begins like it; empty: none.
-  [[nodiscard]] std::string known(const CommandedPath& path) const;
-  void recognise(CommandedPath path, const MotionRepeats& repeats);
+  /// The name of the program that is this motion or begins like it, of those that are kept, that
+  /// have been recognised or that have a file; empty: none.
+  [[nodiscard]] std::string known(const CommandedPath& heard);
+  /// Whether the two may be records of one motion.
+  [[nodiscard]] bool one_motion(const CommandedPath& a, const CommandedPath& b) const;
+  /// Returns the name that it gets.
+  std::string recognise(CommandedPath path, const MotionRepeats& repeats);
 
   LearningRules rules_;
   Store& store_;
@@ -125,14 +129,20 @@ class LearningWorker {
   Hear hear_;
   Accept accept_;
   MotionWatch motion_;
-  double heard_s_ = 0.0;  // until this time
-  std::int64_t heard_ns_ = -kLookEvery_ns;
+  double heard_s_ = 0.0;                                      // until this time
+  std::int64_t listened_ns_ = -kLookEvery_ns, heard_ns_ = 0;  // last look; last with any rows
   std::optional<MotionRepeats> repeats_;
+  double repeated_s_ = 0.0;  // when a move of it has ended
   struct Recognised {
     std::shared_ptr<const CommandedPath> path;
     std::string text;
   };
   std::vector<Recognised> recognised_;  // the newest is the last one, at most kMaxKept
+  struct Filed {
+    CommandedPath heard;
+    std::string program;
+  };
+  std::vector<Filed> filed_;  // found by reading the folder; the same limit and order
   std::stop_token give_up_;
   std::uint64_t learned_ = 0, plans_made_ = 0;
   std::int64_t renewed_ns_ = 0;

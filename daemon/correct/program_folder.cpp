@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <utility>
+#include <variant>
 
+#include "daemon/correct/program_assembly.h"
 #include "daemon/correct/program_chunks.h"
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/recording_file.h"
@@ -35,6 +37,18 @@ std::vector<ProgramChunk> read_program(const fs::path& file, const std::string& 
   std::vector<ProgramChunk> chunks = program_chunks(path, program, true, revision);
   if (chunks.empty()) throw std::runtime_error(file.string() + " has no rows");
   return chunks;
+}
+
+CommandedPath program_in(const fs::path& file, const std::string& program,
+                         const MachineDescription& machine) {
+  ProgramAssembly assembly(machine);
+  ProgramAssembly::Outcome outcome;
+  for (const ProgramChunk& chunk : read_program(file, program, machine, 0)) {
+    outcome = assembly.take(chunk, 0);
+    if (const auto* refusal = std::get_if<ProgramRefusal>(&outcome))
+      throw std::runtime_error(file.string() + ": " + refusal->reason);
+  }
+  return std::get<CommandedPath>(std::move(outcome));
 }
 
 fs::path file_of(const std::string& program, const fs::path& folder) {
@@ -139,6 +153,19 @@ std::vector<std::string> ProgramFolder::programs() const {
     if (file.usable) out.push_back(file.program);
   }
   return out;
+}
+
+std::string ProgramFolder::find(const std::function<bool(const CommandedPath&)>& is_it,
+                                const std::stop_token& stop) const {
+  for (const auto& [path, file] : files_) {
+    if (stop.stop_requested()) break;
+    try {
+      if (is_it(program_in(path, file.program, machine_))) return file.program;
+    } catch (const std::exception&) {
+      continue;  // look() says why
+    }
+  }
+  return {};
 }
 
 std::map<std::string, bool> ProgramFolder::found() const {

@@ -11,11 +11,14 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
+#include <stop_token>
 #include <string>
 #include <system_error>
 #include <vector>
 
+#include "daemon/between/offset_plan.h"
 #include "drivers/messages.h"
 
 namespace servotwin::daemon {
@@ -30,6 +33,12 @@ inline constexpr std::uintmax_t kMaxProgramFile_bytes = 256'000'000;
                                                      const std::string& program,
                                                      const MachineDescription& machine,
                                                      std::uint64_t revision);
+
+/// The path in a file as the program that such chunks make. Throws std::runtime_error, in one line
+/// that begins with the file, if it is none of this machine.
+[[nodiscard]] CommandedPath program_in(const std::filesystem::path& file,
+                                       const std::string& program,
+                                       const MachineDescription& machine);
 
 /// The file of `folder` that gives `program`, the first by name; where there is none, the file that
 /// would. Throws std::runtime_error if the folder cannot be read.
@@ -63,6 +72,9 @@ class ProgramFolder {
   [[nodiscard]] std::vector<std::string> programs() const;
   /// The programs of all files that were found, and whether they have been read.
   [[nodiscard]] std::map<std::string, bool> found() const;
+  /// The first program whose file `is_it`, read now, or empty; one that cannot be read is not it.
+  [[nodiscard]] std::string find(const std::function<bool(const CommandedPath&)>& is_it,
+                                 const std::stop_token& stop) const;
   [[nodiscard]] const std::filesystem::path& folder() const noexcept { return folder_; }
 
  private:

@@ -2,15 +2,13 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <stdexcept>
 #include <system_error>
-#include <variant>
 
-#include "daemon/correct/program_assembly.h"
 #include "daemon/correct/program_folder.h"
 #include "drivers/csv.h"
-#include "drivers/file_handle.h"
 #include "drivers/text.h"
 
 namespace servotwin::daemon {
@@ -48,16 +46,17 @@ Recording recording_of(const CommandedPath& path, const MachineDescription& mach
   return out;
 }
 
+bool same_path(const CommandedPath& a, const CommandedPath& b) {
+  return a.axes == b.axes && a.rows() == b.rows() &&
+         std::equal(a.command.begin(), a.command.end(), b.command.begin(),
+                    [](const auto& one, const auto& other) { return (one == other).all(); });
+}
+
 }  // namespace
 
 std::string ProgramInbox::problem(const fs::path& file, const std::string& program) const {
   try {
-    ProgramAssembly assembly(machine_);
-    for (const ProgramChunk& chunk : read_program(file, program, machine_, 0)) {
-      const ProgramAssembly::Outcome outcome = assembly.take(chunk, 0);
-      if (const auto* refusal = std::get_if<ProgramRefusal>(&outcome))
-        return program + ".csv: " + refusal->reason;
-    }
+    (void)program_in(file, program, machine_);
     return {};
   } catch (const std::exception& error) {
     // Who has sent it does not know the temporary name.
@@ -68,27 +67,31 @@ std::string ProgramInbox::problem(const fs::path& file, const std::string& progr
   }
 }
 
+ProgramInbox::Outcome ProgramInbox::enter(const std::string& program, const std::string& what,
+                                          const std::function<void(const AtomicFile&)>& write) {
+  const fs::path file = file_of(program, folder_);
+  const bool replaces = fs::exists(file);
+  if (replaces && !fs::is_regular_file(file))
+    throw std::runtime_error(file.string() + ": cannot be replaced: it is not a regular file");
+  AtomicFile incoming(file);
+  write(incoming);
+  if (std::string why = problem(incoming.temporary(), program); !why.empty())
+    return {What::kRefused, std::move(why)};
+  incoming.commit();
+  list_.changed(program);
+  events_.note_soon("program_received", "",
+                    "program " + in_quotes(program) + ": " + what +
+                        (replaces ? ", in place of " : ", put into the folder as ") +
+                        file.filename().string());
+  return {What::kDone, "it is read within two seconds, or after the program that is being learned"};
+}
+
 ProgramInbox::Outcome ProgramInbox::put(const std::string& program, const std::string& csv) {
   const std::lock_guard lock(mutex_);
   try {
     require_writable(folder_);
-    const fs::path file = file_of(program, folder_);
-    const bool replaces = fs::exists(file);
-    if (replaces && !fs::is_regular_file(file))
-      throw std::runtime_error(file.string() + ": cannot be replaced: it is not a regular file");
-    AtomicFile incoming(file);
-    incoming.write(csv);
-    if (std::string why = problem(incoming.temporary(), program); !why.empty())
-      return {What::kRefused, std::move(why)};
-    incoming.commit();
-    list_.changed(program);
-    events_.note_soon("program_received", "",
-                      "program " + in_quotes(program) + ": " + std::to_string(csv.size()) +
-                          " bytes received over HTTP, " +
-                          (replaces ? "in place of " : "put into the folder as ") +
-                          file.filename().string());
-    return {What::kDone,
-            "it is read within two seconds, or after the program that is being learned"};
+    return enter(program, std::to_string(csv.size()) + " bytes received over HTTP",
+                 [&](const AtomicFile& file) { file.write(csv); });
   } catch (const std::exception& error) {
     return {What::kFailed, error.what()};
   }
@@ -103,16 +106,15 @@ ProgramInbox::Outcome ProgramInbox::accept(const std::string& program) {
                                   ": the request has no body, and no motion has been recognised "
                                   "under this name; send the path as CSV"};
     require_writable(folder_);
-    const fs::path file = file_of(program, folder_);
-    if (fs::exists(file)) return {What::kDone, "it is in the folder already"};
-    write_recording_csv(file, recording_of(*path, machine_));
-    list_.changed(program);
-    events_.note_soon("program_received", "",
-                      "program " + in_quotes(program) + ": recognised motion of " +
-                          std::to_string(path->rows()) + " rows, put into the folder as " +
-                          file.filename().string());
-    return {What::kDone,
-            "it is read within two seconds, or after the program that is being learned"};
+    if (const fs::path file = file_of(program, folder_); fs::is_regular_file(file)) {
+      if (same_path(program_in(file, program, machine_), *path))
+        return {What::kDone, "it is in the folder already"};
+      return {What::kRefused, "program " + in_quotes(program) + ": " + file.filename().string() +
+                                  " in the folder has another path; rename it, or remove it"};
+    }
+    return enter(
+        program, "recognised motion of " + std::to_string(path->rows()) + " rows",
+        [&](const AtomicFile& file) { write_recording_csv(file, recording_of(*path, machine_)); });
   } catch (const std::exception& error) {
     return {What::kFailed, error.what()};
   }

@@ -8,12 +8,14 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <mutex>
 #include <string>
 #include <utility>
 
 #include "daemon/correct/program_list.h"
 #include "daemon/store/event_log.h"
+#include "drivers/file_handle.h"
 #include "drivers/messages.h"
 
 namespace servotwin::daemon {
@@ -51,6 +53,9 @@ class ProgramInbox {
   /// Why the file is not a path of this machine; empty if it is.
   [[nodiscard]] std::string problem(const std::filesystem::path& file,
                                     const std::string& program) const;
+  /// Puts what `write` writes into the folder, if it is a path of this machine. `what`: for people.
+  [[nodiscard]] Outcome enter(const std::string& program, const std::string& what,
+                              const std::function<void(const AtomicFile&)>& write);
 
   std::filesystem::path folder_;
   MachineDescription machine_;

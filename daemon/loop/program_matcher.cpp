@@ -30,34 +30,64 @@ Eigen::Index last_motion_of(const CommandedPath& program, double tolerance) noex
   return row;
 }
 
-}  // namespace
+/// The commands of an axis of the machine; null if it is not in the program.
+const Eigen::ArrayXd* command_of(const CommandedPath& program, std::size_t axis) noexcept {
+  const auto found = std::find(program.axes.begin(), program.axes.end(), axis);
+  return found == program.axes.end() ? nullptr : &program.command[found - program.axes.begin()];
+}
 
-bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance) {
-  if (a.axes != b.axes) return false;
-  const Eigen::Index from_a = first_motion_of(a, tolerance), from_b = first_motion_of(b, tolerance);
-  const Eigen::Index rows = std::max(a.rows() - from_a, b.rows() - from_b);
-  for (std::size_t i = 0; i < a.axes.size(); ++i) {
-    const Eigen::ArrayXd &one = a.command[i], &other = b.command[i];
-    for (Eigen::Index k = -1; k < rows; ++k) {  // from the start on
-      const Eigen::Index row_a = k < 0 ? 0 : std::min(from_a + k, a.rows() - 1),
-                         row_b = k < 0 ? 0 : std::min(from_b + k, b.rows() - 1);
-      if (!(std::abs(one(row_a) - other(row_b)) <= tolerance)) return false;
+/// Rows of a program from `first` on. Behind its end it stands.
+struct Stretch {
+  const CommandedPath& program;
+  Eigen::Index first = 0;
+
+  [[nodiscard]] double at(const Eigen::ArrayXd& axis, Eigen::Index k) const noexcept {
+    return axis(std::clamp<Eigen::Index>(first + k, 0, axis.size() - 1));
+  }
+};
+
+/// Whether every axis of `a` is alike in `b`, or stands where `b` does not have it.
+bool alike_or_standing(const Stretch& a, const Stretch& b, Eigen::Index rows, double tolerance) {
+  for (std::size_t i = 0; i < a.program.axes.size(); ++i) {
+    const Eigen::ArrayXd& one = a.program.command[i];
+    const Eigen::ArrayXd* const other = command_of(b.program, a.program.axes[i]);
+    for (Eigen::Index k = 0; k < rows; ++k) {
+      const double there = other == nullptr ? one(0) : b.at(*other, k);
+      if (!(std::abs(a.at(one, k) - there) <= tolerance)) return false;
     }
   }
   return true;
 }
 
+/// The rule by which two programs are the same for as many rows.
+bool alike(const Stretch& a, const Stretch& b, Eigen::Index rows, double tolerance) {
+  return alike_or_standing(a, b, rows, tolerance) && alike_or_standing(b, a, rows, tolerance);
+}
+
+/// The same from their first motion on. Commands that differ within the tolerance may leave the
+/// start a few rows earlier or later, as for the matcher.
+bool alike_from_motion(const Stretch& a, const Stretch& b, Eigen::Index rows, double tolerance) {
+  constexpr Eigen::Index kShift = ProgramMatcher::kAlignmentRows;
+  for (Eigen::Index shift = -kShift; shift <= kShift; ++shift) {
+    if (alike({a.program, a.first + shift}, b, rows, tolerance)) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance) {
+  const Eigen::Index from_a = first_motion_of(a, tolerance), from_b = first_motion_of(b, tolerance);
+  const Eigen::Index rows = std::max(a.rows() - from_a, b.rows() - from_b);
+  return rows > 0 && alike({a, 0}, {b, 0}, 1, tolerance) &&
+         alike_from_motion({a, from_a}, {b, from_b}, rows, tolerance);
+}
+
 bool begin_alike(const CommandedPath& a, const CommandedPath& b, double tolerance) {
-  if (a.axes != b.axes) return false;
   const Eigen::Index from_a = first_motion_of(a, tolerance), from_b = first_motion_of(b, tolerance);
   const Eigen::Index rows =
       std::min(last_motion_of(a, tolerance) - from_a, last_motion_of(b, tolerance) - from_b) + 1;
-  if (rows <= 0) return false;
-  for (std::size_t i = 0; i < a.axes.size(); ++i) {
-    const auto away = a.command[i].segment(from_a, rows) - b.command[i].segment(from_b, rows);
-    if (!(away.abs().maxCoeff() <= tolerance)) return false;
-  }
-  return true;
+  return rows > 0 && alike_from_motion({a, from_a}, {b, from_b}, rows, tolerance);
 }
 
 void ProgramMatcher::watch(std::span<const CommandedPath* const> programs) noexcept {

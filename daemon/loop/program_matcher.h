@@ -23,13 +23,16 @@
 
 namespace servotwin::daemon {
 
-/// Whether two programs are the same path: from their first motion on their commands are within
-/// `tolerance` of each other, and after the end of the shorter one the longer one stands still. If
-/// both were watched, neither would ever be recognised.
+// Programs are compared from their first motion on, which may be kAlignmentRows apart. An axis that
+// one of them does not have must stand in the other: the machine runs both at once then.
+
+/// Whether two programs are the same path: their commands are within `tolerance` of each other,
+/// and after the end of the shorter one the longer one stands still. If both were watched, neither
+/// would be recognised.
 [[nodiscard]] bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance);
 
-/// Whether one of the programs is the begin of the other, from their first motion to the last of
-/// the shorter one: while the machine runs it, neither is recognised.
+/// Whether one of the programs is the begin of the other, to the last motion of the shorter one:
+/// while the machine runs it, neither is recognised.
 [[nodiscard]] bool begin_alike(const CommandedPath& a, const CommandedPath& b, double tolerance);
 
 class ProgramMatcher {

@@ -480,8 +480,8 @@ class RecognisingWorkerTest : public LearningWorkerTest {
     if (!inbox_) inbox_ = std::make_unique<ProgramInbox>(programs_, two_axes(), events_);
     return *inbox_;
   }
-  void run_circle(int times) {
-    const auto path = circle_program();
+  void run_circle(int times) { run(circle_program(), times); }
+  void run(const std::array<Eigen::ArrayXd, 2>& path, int times) {
     for (int i = 0; i < times; ++i) {
       for (Eigen::Index k = 0; k < path[0].size(); ++k) command({path[0](k), path[1](k)});
       for (int k = 0; k < 50 + 7 * i; ++k) command({path[0](0), path[1](0)});
@@ -604,6 +604,105 @@ TEST_F(RecognisingWorkerTest, AProgramThatIsKnownIsNotOfferedAndOneThatBecomesKn
   worker_->show();
   EXPECT_EQ(listed().size(), 1U);
   EXPECT_EQ(listed().begin()->first, "ring");
+}
+
+// The motion of X is that of a file which also has Y, where it stands.
+TEST_F(RecognisingWorkerTest, AStandingAxisInTheFileMakesNoOtherMotionOfIt) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  recognise_ = IlcConfig::Recognise::kLearn;
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  const auto path = circle_program();
+  const Eigen::ArrayXd standing = Eigen::ArrayXd::Constant(path[0].size(), path[1](0));
+  send({path[0], standing}, true, "ring");
+  run({path[0], standing}, 3);
+  look();
+  EXPECT_THAT(events("motion_repeats"), IsEmpty());
+  ASSERT_TRUE(inbox().list().repeats());
+  EXPECT_THAT(inbox().list().repeats()->programs, testing::ElementsAre("ring"));
+  send({path[0]}, true, "alone");
+  ASSERT_EQ(worker_->kept().size(), 1U) << "of the two neither would be recognised";
+  EXPECT_EQ(worker_->kept()[0]->program.name, "alone");
+}
+
+// Eight corrections are kept at most. Two records of one motion, each within the tolerance of 2 um
+// of it, may be up to twice as far from each other, and would get other names.
+TEST_F(RecognisingWorkerTest, WithLearnMoreMotionsThanAreKeptHaveOneFileEach) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  recognise_ = IlcConfig::Recognise::kLearn;
+  put_in_force(model_of(stepped_axis()), "X");
+  constexpr int kMotions = 10;
+  const Eigen::ArrayXd one = circle_program()[0];
+  for (int round = 0; round < 2; ++round) {
+    start();  // it forgets what it has recognised
+    look();
+    for (int i = 0; i < kMotions; ++i) {
+      Eigen::ArrayXd path = (1.0 - 0.01 * i) * one;
+      path.segment(1000, 100) += 3e-6 * round;
+      run({path, Eigen::ArrayXd::Zero(path.size())}, 3);
+      look();
+      look();
+      EXPECT_EQ(events("motion_repeats").size(), round == 0 ? i + 1U : kMotions) << said_.str();
+    }
+    EXPECT_EQ(worker_->kept().size(), LearningWorker::kMaxKept);
+    machine_.time.clear();
+    for (AxisRecord& axis : machine_.axes) axis.command.clear();
+  }
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(parts.path()), {}), kMotions);
+}
+
+TEST_F(RecognisingWorkerTest, AFileOfItsNameWithAnotherPathIsLeftAlone) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  recognise_ = IlcConfig::Recognise::kLearn;
+  start();
+  run_circle(3);
+  look();
+  ASSERT_EQ(events("motion_repeats").size(), 1U);
+  const std::filesystem::path file = std::filesystem::directory_iterator(parts.path())->path();
+  std::ofstream(file) << "time[s],X.command[m]\n0,0\n";
+  start();
+  machine_.time.clear();
+  for (AxisRecord& axis : machine_.axes) axis.command.clear();
+  look();
+  run_circle(3);
+  look();
+  EXPECT_TRUE(std::filesystem::exists(parts.path() / (file.stem().string() + "-2.csv")));
+}
+
+TEST_F(RecognisingWorkerTest, ARepetitionIsOverWhenNothingOfItComesForTwoPeriods) {
+  for (const char* how : {"stands", "moves without a rest", "sends nothing", "has an offset"}) {
+    SCOPED_TRACE(how);
+    start();
+    run_circle(3);
+    look();
+    ASSERT_TRUE(inbox().list().repeats());
+    const double period_s = inbox().list().repeats()->longest_period_s;
+    const auto go_on = [&](double seconds) {
+      for (double t = 0.0; t < seconds; t += kCycle_s) {
+        const double moved = how == std::string("stands") ? 0.0 : 1e-3 * std::sin(3.0 * t);
+        if (how != std::string("sends nothing")) command({moved, 0.0});
+      }
+      now_ns_ += std::llround(1e9 * seconds) - LearningWorker::kLookEvery_ns;
+      look();
+    };
+    if (how == std::string("has an offset")) {
+      OffsetRun run;
+      run.live = true;
+      hand_over_.runs.push(run);
+      worker_->judge_runs();
+      worker_->show();
+    } else {
+      go_on(1.9 * period_s);
+      EXPECT_TRUE(inbox().list().repeats());
+      go_on(0.6 * period_s);
+    }
+    EXPECT_FALSE(inbox().list().repeats());
+    machine_.time.clear();
+    for (AxisRecord& axis : machine_.axes) axis.command.clear();
+  }
 }
 
 TEST_F(RecognisingWorkerTest, CommandsWithAnOffsetAreNoProgram) {

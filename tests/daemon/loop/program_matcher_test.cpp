@@ -40,6 +40,37 @@ TEST(Programs, BeginAlikeAsFarAsTheShorterOneMoves) {
   EXPECT_FALSE(begin_alike(whole, other, kTolerance));
 }
 
+TEST(Programs, AnAxisThatOnlyOneOfThemHasMakesNoDifferenceWhereItStands) {
+  const CommandedPath path = program_of(0.0);
+  for (const bool moves_late : {false, true}) {
+    CommandedPath more{"more", 0, true, {0, 2, 1}, {path.command[1], {}, path.command[0]}};
+    more.command[1] = Eigen::ArrayXd::Constant(path.rows(), 7.0);
+    if (moves_late) more.command[1].tail(150) += 1e-3;  // within the motion
+    EXPECT_EQ(same_course(path, more, kTolerance), !moves_late);
+    EXPECT_EQ(same_course(more, path, kTolerance), !moves_late);
+    EXPECT_EQ(begin_alike(path, more, kTolerance), !moves_late);
+    EXPECT_EQ(begin_alike(more, path, kTolerance), !moves_late);
+  }
+  CommandedPath moves = path, stands = path;
+  moves.axes = {1};
+  moves.command.pop_back();
+  stands.axes = {0};
+  stands.command = {Eigen::ArrayXd::Constant(path.rows(), 0.1)};
+  EXPECT_FALSE(same_course(moves, stands, kTolerance)) << "no axis in common";
+  EXPECT_FALSE(begin_alike(moves, path, kTolerance)) << "the other axis moves";
+}
+
+// 0.2 t^2 exceeds 2 um after 3.2 cycles; less 1.8 um, it exceeds them after 4.4 cycles.
+TEST(Programs, ACycleAtTheBeginMakesNoDifference) {
+  const CommandedPath path{"part", 0, true, {0}, {program_of(0.0).command[1]}};
+  for (const double less : {0.9 * kTolerance, 1.1 * kTolerance}) {
+    CommandedPath later = path;
+    later.command[0].tail(path.rows() - 30) -= less;
+    EXPECT_EQ(same_course(path, later, kTolerance), less < kTolerance);
+    EXPECT_EQ(begin_alike(path, later, kTolerance), less < kTolerance);
+  }
+}
+
 class ProgramMatcherTest : public testing::Test {
  protected:
   void watch(const std::vector<const CommandedPath*>& programs) { matcher_.watch(programs); }

@@ -181,6 +181,30 @@ TEST_F(ProgramHttpTest, WhatHasBeenRecognisedIsListedAndAcceptedWithoutABody) {
   EXPECT_EQ(put("motion-1", "").status, 202) << "it is there already";
 }
 
+TEST_F(ProgramHttpTest, WhatHasBeenRecognisedIsCheckedAsWhatIsSent) {
+  const auto recognised = [&](const std::string& name, const Eigen::ArrayXd& path) {
+    ProgramState state{ProgramState::What::kRecognised, 0, "",
+                       std::make_shared<CommandedPath>(CommandedPath{name, 0, true, {0}, {path}})};
+    inbox_->list().show({{name, state}}, 0);
+  };
+  recognised("short", path_.head(15));
+  HttpAnswer answer = put("short", "");
+  EXPECT_EQ(answer.status, 400);
+  EXPECT_THAT(answer.body, HasSubstr("short.csv: too short: 15 rows, at least 16"));
+  EXPECT_THAT(files_of(parts_.path()), IsEmpty());
+
+  fs::create_directory(parts_.path() / "folder.csv");
+  recognised("folder", path_);
+  EXPECT_THAT(put("folder", "").body, HasSubstr("it is not a regular file"));
+
+  ASSERT_EQ(put("ring", csv_of(0.5 * path_)).status, 202);
+  recognised("ring", path_);
+  answer = put("ring", "");
+  EXPECT_EQ(answer.status, 400);
+  EXPECT_THAT(answer.body, HasSubstr("ring.csv in the folder has another path"));
+  EXPECT_EQ(text_of(parts_.path() / "ring.csv"), csv_of(0.5 * path_));
+}
+
 TEST_F(ProgramHttpTest, WhatIsRefusedLeavesTheFolderAsItWas) {
   const std::string csv = csv_of(path_);
   ASSERT_EQ(put("ring", csv).status, 202);
