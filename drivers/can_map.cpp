@@ -364,7 +364,8 @@ class MapReader {
     }
     signal.signal.scale *= factor;
     signal.signal.offset *= factor;
-    std::string problem = shared_wrongly(source.message, kind);
+    std::string problem = is_prediction(kind.channel) ? untellable(signal.signal, kind) : "";
+    if (problem.empty()) problem = shared_wrongly(source.message, kind);
     if (problem.empty()) problem = place(source.message, kind, signal.message);
     if (!problem.empty()) {
       axis.report(key, problem);
@@ -394,6 +395,26 @@ class MapReader {
       return "an angle of a linear axis: give lead_mm, the travel per turn of the screw";
     factor *= units.lead_m / (2.0 * std::numbers::pi);
     return "";
+  }
+
+  /// Why the bits of a signal cannot tell a PLC what they are for; empty if they can.
+  std::string untellable(const CanSignal& signal, const ChannelKind& kind) const {
+    std::uint64_t one = 0, other = 0;
+    if (kind.kind == ChannelKind::kFlag) {
+      const bool both = encoded(signal, 0.0, false, one) && encoded(signal, 1.0, false, other);
+      return both && one != other ? ""
+                                  : "must be able to be 0 and 1: give it the scale 1 and the "
+                                    "offset 0";
+    }
+    const double step = std::abs(signal.scale);
+    if (encoded(signal, -step, false, one) && encoded(signal, step, false, other)) return "";
+    const double top = std::ldexp(1.0, signal.length);
+    const double low = signal.coding == Coding::kSigned ? -0.5 * top : 0.0;
+    const auto [least, most] = std::minmax(
+        {low * signal.scale + signal.offset, (low + top - 1.0) * signal.scale + signal.offset});
+    return "has both signs, and is 0 where it is not known, but its bits hold " + number(least) +
+           " to " + number(most) + (map_.machine.axes.back().rotary ? " rad" : " m") +
+           ": make it signed, or change its offset";
   }
 
   /// Why the id of a message to a PLC cannot be this one, or that of another message; empty if it

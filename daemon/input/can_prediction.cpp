@@ -7,17 +7,26 @@
 
 namespace servotwin::daemon {
 
-CanPrediction::CanPrediction(const CanMap& map, std::int64_t now_ns)
+CanPrediction::CanPrediction(const CanMap& map, std::int64_t now_ns, std::uint32_t seed)
     : encoder_(map),
       messages_(prediction_messages(map)),
       cycles_(
           std::max<std::int64_t>(1, std::llround(map.prediction_period_s / map.machine.cycle_s))),
-      quiet_since_ns_(now_ns) {}
+      quiet_ns_(std::max<std::int64_t>(
+          kQuiet_ns,
+          std::llround(1e9 * static_cast<double>(kQuietPeriods) * map.prediction_period_s))),
+      chance_(seed),
+      begin_ns_(end_of_wait(now_ns)) {}
+
+std::int64_t CanPrediction::end_of_wait(std::int64_t now_ns) noexcept {
+  const double share = static_cast<double>(chance_()) / static_cast<double>(chance_.max());
+  return now_ns + quiet_ns_ + std::llround(share * static_cast<double>(quiet_ns_));
+}
 
 void CanPrediction::tell(const MachinePrediction& prediction,
                          std::span<const std::unique_ptr<CanBus>> buses,
                          std::int64_t now_ns) noexcept {
-  if (++waited_ < cycles_ || between_ns(quiet_since_ns_, now_ns) < kQuiet_ns) return;
+  if (++waited_ < cycles_ || between_ns(begin_ns_, now_ns) < 0) return;
   waited_ = 0;
   for (int i = 0; i < prediction.axis_count; ++i) {
     const auto axis = static_cast<std::size_t>(i);
@@ -50,13 +59,13 @@ void CanPrediction::on_frame(std::size_t bus, const CanFrame& frame, std::int64_
     return message.bus == bus && message.id == frame.id && message.extended == frame.extended;
   };
   if (frame.error || !std::any_of(messages_.begin(), messages_.end(), ours)) return;
-  quiet_since_ns_ = now_ns;
-  heard_ns_.store(now_ns, std::memory_order_relaxed);
+  begin_ns_ = end_of_wait(now_ns);
+  other_until_ns_.store(begin_ns_, std::memory_order_relaxed);
 }
 
 bool CanPrediction::heard_other(std::int64_t now_ns) const noexcept {
-  const std::int64_t heard_ns = heard_ns_.load(std::memory_order_relaxed);
-  return heard_ns != 0 && between_ns(heard_ns, now_ns) < kQuiet_ns;
+  const std::int64_t until_ns = other_until_ns_.load(std::memory_order_relaxed);
+  return until_ns != 0 && between_ns(until_ns, now_ns) < 0;
 }
 
 }  // namespace servotwin::daemon

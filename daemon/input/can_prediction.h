@@ -3,7 +3,9 @@
 //
 // A figure that is not known in this cycle is sent as 0, and prediction_valid of its axis says so.
 // Two senders with one id would destroy each other's frames: as long as another one is heard,
-// nothing is sent, and for kQuiet_ns after it. A second daemon on the bus is so a standby.
+// nothing is sent, and for a while after it. A second daemon on the bus is so a standby. How long
+// it waits is a matter of chance, drawn anew whenever another sender is heard: of two that wait one
+// begins first, and where both begin at once both step back.
 //
 // One thread, except alarm() and heard_other(): any thread. tell() and on_frame() allocate nothing
 // and throw nothing. Source: drivers/can_map.h.
@@ -13,6 +15,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <random>
 #include <span>
 #include <vector>
 
@@ -24,11 +27,13 @@ namespace servotwin::daemon {
 
 class CanPrediction {
  public:
+  /// The wait is once to twice this, or this many periods of the other sender if that is more.
   static constexpr std::int64_t kQuiet_ns = 1'000'000'000;
+  static constexpr std::int64_t kQuietPeriods = 3;
 
   /// `map` must outlive the object. `now_ns`: steady clock, here and below; nothing is sent before
-  /// it was quiet for kQuiet_ns.
-  CanPrediction(const CanMap& map, std::int64_t now_ns);
+  /// it was quiet for the wait. `seed`: another one in every daemon.
+  CanPrediction(const CanMap& map, std::int64_t now_ns, std::uint32_t seed);
 
   /// The prediction of a cycle; it is sent if that is due.
   void tell(const MachinePrediction& prediction, std::span<const std::unique_ptr<CanBus>> buses,
@@ -39,18 +44,22 @@ class CanPrediction {
   void alarm(std::size_t axis, bool raised) noexcept {
     alarms_[axis].store(raised, std::memory_order_relaxed);  // orders no data
   }
-  /// Whether another sender was heard in the last kQuiet_ns.
+  /// Whether another sender is heard, and nothing is sent for that.
   [[nodiscard]] bool heard_other(std::int64_t now_ns) const noexcept;
 
  private:
   void put(std::size_t axis, const AxisPrediction& prediction) noexcept;
+  /// The end of a wait that begins now [ns].
+  [[nodiscard]] std::int64_t end_of_wait(std::int64_t now_ns) noexcept;
 
   CanEncoder encoder_;
   std::vector<std::size_t> messages_;  // of the map
   std::int64_t cycles_;                // between two messages
   std::int64_t waited_ = 0;            // cycles since the last
-  std::int64_t quiet_since_ns_;
-  std::atomic<std::int64_t> heard_ns_{0};  // 0: nobody
+  std::int64_t quiet_ns_;              // the shortest wait
+  std::minstd_rand chance_;
+  std::int64_t begin_ns_;                        // nothing is sent before
+  std::atomic<std::int64_t> other_until_ns_{0};  // 0: nobody was heard
   std::array<std::atomic<bool>, kMaxAxes> alarms_{};
 };
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 #include <stdexcept>
 
 #include "daemon/between/clock.h"
@@ -136,7 +137,9 @@ void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
   }
 }
 
-void CanSource::tell_predictions() { prediction_.emplace(assembly_.map(), steady_ns()); }
+void CanSource::tell_predictions() {
+  prediction_.emplace(assembly_.map(), steady_ns(), std::random_device()());
+}
 
 void CanSource::tell(const MachinePrediction& prediction) noexcept {
   if (prediction_) prediction_->tell(prediction, buses_, steady_ns());

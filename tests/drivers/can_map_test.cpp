@@ -95,6 +95,19 @@ TEST(CanMap, PredictionsGoToAPlcInMessagesOfTheirOwn) {
                                figures.substr(figures.rfind("start_bit"))),
                           ""),
               ElementsAre(HasSubstr("into the same message")));
+  // 16 bits of 1 um that begin at 0, and from -32.768 mm on.
+  EXPECT_THAT(
+      problems_of(with(replaced(figures, "length = 16", "length = 16\nsigned = false")), ""),
+      ElementsAre(HasSubstr("its bits hold 0 to 0.065535 m: make it signed")));
+  EXPECT_THAT(
+      prediction_messages(map_of(with(replaced(
+          figures, "length = 16", "length = 16\nsigned = false\nscale = 1\noffset = -32768")))),
+      ElementsAre(1U));
+  for (const char* flag : {"offset = 1", "scale = 2"})
+    EXPECT_THAT(
+        problems_of(
+            with(replaced(figures, "length = 1\n", std::string("length = 1\n") + flag + "\n")), ""),
+        ElementsAre(HasSubstr("must be able to be 0 and 1")));
   EXPECT_THAT(problems_of(with("", "prediction_period_s = 0.02\n"), ""),
               ElementsAre(HasSubstr("has no effect")));
 }

@@ -5,7 +5,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "daemon/input/can_source.h"
 
@@ -18,6 +20,7 @@ using testing::IsEmpty;
 using testing::SizeIs;
 
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
+constexpr std::uint32_t kSeed = 1'234'567'890;
 
 // X: two figures of 16 bits in 0.1 um, the second big endian, and two bits. Y: one of 32 bits in
 // 1/1000 degree.
@@ -95,7 +98,7 @@ class CanPredictionTest : public testing::Test {
   }
 
   CanMap map_ = machine_with_plc();
-  CanPrediction teller_{map_, 0};
+  CanPrediction teller_{map_, 0, kSeed};
   std::vector<std::unique_ptr<CanBus>> buses_;
   Sink* sink_ = nullptr;
   std::int64_t now_ns_ = 0;
@@ -127,15 +130,18 @@ TEST_F(CanPredictionTest, WhatIsNotKnownIsZeroAndNotValid) {
   EXPECT_THAT(bytes(predicted(3e-6, 1e-6, 0.0), 0x1A0), ElementsAre(30, 0, 0, 10, 3));
 }
 
-TEST_F(CanPredictionTest, OnePerPeriodAfterASecondOfListening) {
+TEST_F(CanPredictionTest, OnePerPeriodAfterOneOrTwoSecondsOfListening) {
   const MachinePrediction now = predicted(0.0, 0.0, 0.0);
   std::vector<std::int64_t> at_ms;
-  for (int ms = 1; ms <= 1020; ++ms) {
+  for (int ms = 1; at_ms.size() < 3; ++ms) {
+    ASSERT_LE(ms, 2100);
     teller_.tell(now, buses_, ms * kMillisecond_ns);
     if (!sink_->sent.empty()) at_ms.push_back(ms);
     sink_->sent.clear();
   }
-  EXPECT_THAT(at_ms, ElementsAre(1000, 1004, 1008, 1012, 1016, 1020));
+  EXPECT_GE(at_ms[0], 1000);
+  EXPECT_LE(at_ms[0], 2000);
+  EXPECT_THAT(at_ms, ElementsAre(at_ms[0], at_ms[0] + 4, at_ms[0] + 8));
 }
 
 TEST_F(CanPredictionTest, AsLongAsAnotherSendsThemNothingIsSent) {
@@ -150,8 +156,9 @@ TEST_F(CanPredictionTest, AsLongAsAnotherSendsThemNothingIsSent) {
   while (now_ns_ < heard_ns + 999 * kMillisecond_ns)
     teller_.tell(now, buses_, now_ns_ += kMillisecond_ns);
   EXPECT_THAT(sink_->sent, IsEmpty());
-  teller_.tell(now, buses_, now_ns_ += kMillisecond_ns);
-  EXPECT_THAT(sink_->sent, SizeIs(2));
+  EXPECT_TRUE(teller_.heard_other(now_ns_));
+  EXPECT_THAT(bytes(now, 0x1A0), SizeIs(5));
+  EXPECT_LE(now_ns_, heard_ns + 2000 * kMillisecond_ns);
   EXPECT_FALSE(teller_.heard_other(now_ns_));
 
   frame.id = 0x181;  // of the machine
@@ -160,6 +167,52 @@ TEST_F(CanPredictionTest, AsLongAsAnotherSendsThemNothingIsSent) {
   frame.extended = true;  // another message
   teller_.on_frame(0, frame, now_ns_);
   EXPECT_FALSE(teller_.heard_other(now_ns_));
+}
+
+// Two daemons in standby hear the last frame of the one that sent at the same moment, and hear each
+// other from then on, a millisecond late.
+TEST_F(CanPredictionTest, OfTwoThatWaitOneSends) {
+  const MachinePrediction now = predicted(0.0, 0.0, 0.0);
+  CanPrediction other(map_, 0, kSeed / 2);
+  CanFrame last;
+  last.id = 0x1A0;
+  for (int times = 0; times < 10; ++times) {
+    SCOPED_TRACE(times);
+    teller_.on_frame(0, last, now_ns_);
+    other.on_frame(0, last, now_ns_);
+    int ours = 0, its = 0;
+    for (int ms = 1; ms <= 4000; ++ms) {
+      now_ns_ += kMillisecond_ns;
+      sink_->sent.clear();
+      teller_.tell(now, buses_, now_ns_);
+      const std::vector<CanFrame> from_us = std::exchange(sink_->sent, {});
+      other.tell(now, buses_, now_ns_);
+      const std::vector<CanFrame> from_it = std::exchange(sink_->sent, {});
+      for (const CanFrame& frame : from_us) other.on_frame(0, frame, now_ns_ + kMillisecond_ns);
+      for (const CanFrame& frame : from_it) teller_.on_frame(0, frame, now_ns_ + kMillisecond_ns);
+      if (ms <= 3000) continue;
+      ours += from_us.empty() ? 0 : 1;
+      its += from_it.empty() ? 0 : 1;
+    }
+    EXPECT_EQ(std::min(ours, its), 0);
+    EXPECT_EQ(std::max(ours, its), 250);
+  }
+}
+
+TEST(CanPredictions, ThatComeRarelyAreWaitedForThreePeriods) {
+  std::string rarely = kMachine;
+  rarely.replace(rarely.find("0.004"), 5, "1.000");
+  CheckedCanMap checked = check_can_map(rarely, "m.toml", "");
+  ASSERT_TRUE(checked.problems.empty()) << messages(checked.problems);
+  CanPrediction teller(checked.map, 0, kSeed);
+  std::vector<std::unique_ptr<CanBus>> buses;
+  buses.push_back(std::make_unique<Sink>());
+  const auto& sink = dynamic_cast<const Sink&>(*buses.front());
+  int ms = 0;
+  while (sink.sent.empty() && ms < 10'000)
+    teller.tell(predicted(0.0, 0.0, 0.0), buses, ++ms * kMillisecond_ns);
+  EXPECT_GE(ms, 3000);
+  EXPECT_LE(ms, 6000);
 }
 
 TEST(CanSourceTells, OnlyIfAskedToAndSaysWhenAnotherDoes) {

@@ -323,7 +323,7 @@ TEST(RealTimePath, TellingAPlcThePredictionsAllocatesNothing) {
   std::vector<std::unique_ptr<CanBus>> buses;
   buses.push_back(std::make_unique<CanUdp>(
       CanUdpPlace{"127.0.0.1:0", "127.0.0.1:" + std::to_string(plc->port())}));
-  CanPrediction teller(checked.map, 0);
+  CanPrediction teller(checked.map, 0, 1);
   MachinePrediction prediction;
   prediction.axis_count = 1;
   prediction.axes[0].state = AxisState::kPredicting;
