@@ -166,6 +166,8 @@ class Bridge {
     }
     const LiveRecord& record = relay_.record();
     if (!there || !record.status()) return;
+    PassedNames names("in topics", {});
+    for (const AxisStatus& axis : record.status()->axes) names.add(level_of(axis.name), axis.name);
     client_.publish(root_ + "/status", status_of(record, machine_));
     for (const AxisStatus& axis : record.status()->axes)
       client_.publish(topic_of(axis.name, "alarm"), daemon::name_of(axis.alarm));

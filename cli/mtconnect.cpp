@@ -119,6 +119,15 @@ std::string unavailable(const AxisItem& item) {
   return type == "MESSAGE" ? std::string("|") + kUnavailable : kUnavailable;
 }
 
+/// Throws std::runtime_error if two names of the device description would be the same.
+void require_own_names(const std::vector<AxisStatus>& axes) {
+  PassedNames names("for MTConnect", {"avail", "axes", "controller", "path", "contour_rms"});
+  for (const AxisStatus& axis : axes) {
+    names.add(shdr_name(axis.name), axis.name);
+    for (const AxisItem& item : kAxisItems) names.add(key_of(axis, item), axis.name);
+  }
+}
+
 /// One <DataItem>, which lines name by `name`.
 std::string data_item(const std::string& device, const std::string& name,
                       const std::string& attributes, const std::string& what) {
@@ -148,6 +157,7 @@ std::string element(const std::string& name, const std::string& attributes,
 
 /// The device description (MTConnectDevices) for the configuration of an agent.
 std::string device_description(const std::string& machine, const std::vector<AxisStatus>& axes) {
+  require_own_names(axes);
   // An id begins with a letter.
   const std::string device = "servotwin_" + shdr_name(machine);
   const auto named = [&](const std::string& name) {
@@ -243,6 +253,7 @@ class Adapter {
                 there ? in_mm_or_degrees(record.contour_lately().predicted.figures().rms, false)
                       : kUnavailable);
     const std::vector<AxisStatus>& axes = record.status()->axes;
+    require_own_names(axes);
     for (std::size_t i = 0; i < axes.size(); ++i) {
       for (const AxisItem& item : kAxisItems)
         server_.set(item.statistic != nullptr ? second : now, key_of(axes[i], item),

@@ -1,8 +1,26 @@
 #include "cli/relay.h"
 
+#include <stdexcept>
+
 #include "cli/interrupt.h"
+#include "drivers/text.h"
 
 namespace servotwin::cli {
+
+PassedNames::PassedNames(std::string where, std::initializer_list<const char*> reserved)
+    : where_(std::move(where)) {
+  for (const char* name : reserved) whose_[name] = "";
+}
+
+void PassedNames::add(const std::string& name, const std::string& axis) {
+  const auto [known, is_new] = whose_.try_emplace(name, axis);
+  if (is_new) return;
+  throw std::runtime_error("axis " + in_quotes(axis) + ": its name " + where_ + " would be " +
+                           name + ", which " +
+                           (known->second.empty() ? "has another meaning"
+                                                  : "axis " + in_quotes(known->second) + " has") +
+                           "; rename it on the machine, with letters, digits, . and - only");
+}
 
 bool Relay::run(double seconds, const std::function<void()>& turn,
                 const std::function<void(bool)>& pass_on) {

@@ -4,11 +4,27 @@
 
 #include <chrono>
 #include <functional>
+#include <initializer_list>
+#include <map>
+#include <string>
 
 #include "cli/live_record.h"
 #include "cli/subscriber.h"
 
 namespace servotwin::cli {
+
+/// The names under which things are passed on, each of one thing.
+class PassedNames {
+ public:
+  /// `where`: "for MTConnect". `reserved`: names of what is no axis.
+  PassedNames(std::string where, std::initializer_list<const char*> reserved);
+  /// Throws std::runtime_error if this name is taken. `axis`: whose name it is.
+  void add(const std::string& name, const std::string& axis);
+
+ private:
+  std::string where_;
+  std::map<std::string, std::string> whose_;  // an axis; empty: reserved
+};
 
 class Relay {
  public:

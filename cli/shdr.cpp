@@ -14,7 +14,8 @@
 namespace servotwin::cli {
 namespace {
 
-// An agent sends "* PING" and short commands only.
+// An agent sends "* PING" and short commands only. No more is taken from it at a time, so that one
+// that sends without end waits for its turn as the others do.
 constexpr std::size_t kMaxRequest_bytes = 4096;
 
 std::string name_of_peer(const sockaddr_storage& peer, socklen_t size) {
@@ -90,7 +91,7 @@ void ShdrServer::serve(double now_s) {
 
 void ShdrServer::accept_agents() {
   sockaddr_storage peer{};
-  while (true) {
+  for (std::size_t turn = 0; turn < kMaxAgents; ++turn) {  // the rest in the next call
     socklen_t size = sizeof peer;
     const int socket =
         accept4(socket_, reinterpret_cast<sockaddr*>(&peer), &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
@@ -110,21 +111,19 @@ void ShdrServer::accept_agents() {
 
 std::string ShdrServer::attend(Agent& agent, double now_s) {
   const auto is_over = [] { return errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR; };
-  char part[1024];
-  ssize_t size = 0;
-  while ((size = recv(agent.socket, part, sizeof part, 0)) > 0) {
-    agent.received.append(part, static_cast<std::size_t>(size));
-    for (std::size_t end; (end = agent.received.find('\n')) != std::string::npos;) {
-      if (agent.received.starts_with("* PING")) {
-        agent.unsent += "* PONG " + std::to_string(kHeartbeat_ms) + "\n";
-        agent.beats = true;
-        agent.heard_s = now_s;
-      }
-      agent.received.erase(0, end + 1);
+  char part[kMaxRequest_bytes];
+  ssize_t size = recv(agent.socket, part, sizeof part, 0);
+  if (size == 0 || (size < 0 && is_over())) return "gone";
+  if (size > 0) agent.received.append(part, static_cast<std::size_t>(size));
+  for (std::size_t end; (end = agent.received.find('\n')) != std::string::npos;) {
+    if (agent.received.starts_with("* PING")) {
+      agent.unsent += "* PONG " + std::to_string(kHeartbeat_ms) + "\n";
+      agent.beats = true;
+      agent.heard_s = now_s;
     }
-    if (agent.received.size() > kMaxRequest_bytes) return "cut off: it speaks no SHDR";
+    agent.received.erase(0, end + 1);
   }
-  if (size == 0 || is_over()) return "gone";
+  if (agent.received.size() > kMaxRequest_bytes) return "cut off: it speaks no SHDR";
   if (agent.beats && now_s - agent.heard_s > 2e-3 * kHeartbeat_ms)
     return "cut off: no PING for " + std::to_string(2 * kHeartbeat_ms / 1000) + " s";
   while (!agent.unsent.empty()) {

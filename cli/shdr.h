@@ -22,6 +22,7 @@ namespace servotwin::cli {
 [[nodiscard]] std::string shdr_word(std::string_view text);
 
 /// What a key, an id or a name of an MTConnect document may consist of; other characters become _.
+/// Two texts may become the same (cli/relay.h).
 [[nodiscard]] std::string shdr_name(std::string_view text);
 
 /// Serves the last value of every key to any number of agents up to kMaxAgents. None waits for

@@ -18,19 +18,20 @@ inline DdsPlace place_of_test(const std::string& machine) {
   return {machine + "-" + std::to_string(id), 1 + id % 200, ""};
 }
 
-/// Two axes: X with a model, an alarm and a diagnosis, and the rotary B/1. Status and predictions
-/// come ten times a second, so that a test does not wait.
+/// Two axes: X with a model, an alarm and a diagnosis, and the rotary B/1, or `second`. Status and
+/// predictions come ten times a second, so that a test does not wait.
 class FakeDaemon {
  public:
-  explicit FakeDaemon(const DdsPlace& place, const std::string& reason = "better")
+  explicit FakeDaemon(const DdsPlace& place, const std::string& reason = "better",
+                      const std::string& second = "B/1")
       : node_(place), statuses_(node_), models_(node_), diagnoses_(node_), predictions_(node_) {
     models_.write({"X", 3, 2, "2026-11-27T08:00:00Z", reason, R"({"schema":"servotwin.model/1"})"});
     diagnoses_.write(
         {"X", R"({"schema":"servotwin.diagnosis/1","verdict":"explained","causes":[]})"});
-    sending_ = std::jthread([this](const std::stop_token& stop) {
+    sending_ = std::jthread([this, second](const std::stop_token& stop) {
       MachineStatus status;
       status.state = DaemonState::kRunning;
-      status.axes = {{"X", 3, 1.5e-6, "collecting"}, {"B/1", 0, kAbsent, ""}};
+      status.axes = {{"X", 3, 1.5e-6, "collecting"}, {second, 0, kAbsent, ""}};
       status.axes[1].rotary = true;
       MachinePrediction cycle;
       cycle.axis_count = 2;

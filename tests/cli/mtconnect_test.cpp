@@ -270,6 +270,26 @@ TEST_F(Server, AnAgentThatTakesNothingHoldsNobodyUp) {
   EXPECT_EQ(awake.heard["key"], Words{std::to_string(kLines) + text});
 }
 
+TEST_F(Server, AnAgentThatSendsWithoutEndHoldsNobodyUp) {
+  Agent chatter(port());
+  Agent quiet(port());
+  serve();
+  constexpr std::size_t kPings = 10'000;
+  std::string pings;
+  for (std::size_t i = 0; i < kPings; ++i) pings += "* PING\n";
+  chatter.say(pings);
+  server_.set("T", "key", "a");
+  server_.serve(0.0);
+  EXPECT_TRUE(quiet.hears("key", {"a"}));
+  while (!chatter.heard.contains("key")) ASSERT_TRUE(chatter.listen(1000));
+  EXPECT_LE(chatter.commands.size(), 4096 / 7U) << "no more than it takes at a time";
+  for (int turn = 0; turn < 1000 && chatter.commands.size() < kPings; ++turn) {
+    server_.serve(0.0);
+    ASSERT_TRUE(chatter.listen(10));
+  }
+  EXPECT_EQ(chatter.commands.size(), kPings) << "all are answered in the end";
+}
+
 TEST_F(Server, AnAgentWithoutSignOfLifeIsCutOff) {
   Agent dead(port()), alive(port()), old(port());  // an old agent does not send any
   dead.say("* PING\n");
@@ -343,6 +363,27 @@ TEST(Mtconnect, TheDeviceDescriptionNamesEveryKey) {
       names_in(content_of(SERVOTWIN_SOURCE_DIR "/examples/mtconnect/Devices.xml"));
   for (const std::string& key : keys)
     EXPECT_TRUE(key.starts_with("B_1_") || shipped.contains(key)) << key;
+}
+
+TEST(Mtconnect, AxesThatWouldHaveTheSameNameAreRefused) {
+  const std::vector<std::string> place = {"--dds", "--machine", adapter_place().machine, "--domain",
+                                          std::to_string(adapter_place().domain)};
+  for (const auto& [second, why] :
+       {std::pair("X_alarm",
+                  "axis 'X_alarm': its name for MTConnect would be X_alarm, which axis "
+                  "'X' has; rename it on the machine"),
+        std::pair("path", "would be path, which has another meaning")}) {
+    const FakeDaemon daemon(adapter_place(), "better", second);
+    for (const std::vector<std::string>& more :
+         {std::vector<std::string>{"--device"}, {"--port", "0", "--seconds", "20"}}) {
+      std::vector<std::string> all = {"mtconnect"};
+      all.insert(all.end(), place.begin(), place.end());
+      all.insert(all.end(), more.begin(), more.end());
+      const Answer answer = servotwin_says(all);
+      EXPECT_EQ(answer.status, 1) << answer;
+      EXPECT_THAT(answer.err, HasSubstr(why)) << second;
+    }
+  }
 }
 
 TEST(Mtconnect, AWrongCommandLineIsRefused) {
