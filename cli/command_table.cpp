@@ -50,6 +50,7 @@ void keep_commands(Recording& table, const std::vector<ModelFile>& models, const
       leave_out(axis.name + ".torque");
     }
     axis.actual.clear();  // a gap in the encoder must not split the command
+    axis.actual_motor.clear();
     axis.torque.clear();
   }
   if (!left_out.empty()) say(people, "note: not " + done + ": " + left_out);

@@ -80,6 +80,7 @@ Segment read_motion(const WhatIfArguments& arguments, std::FILE* people) {
   Recording recording = motion.read(people);
   for (AxisRecord& axis : recording.axes) {
     axis.actual.clear();
+    axis.actual_motor.clear();
     axis.torque.clear();
   }
   SegmentedAxis axis = segment_axis(recording, arguments.axis);

@@ -24,7 +24,7 @@ constexpr std::array kDrive{Quantity::kTorque, Quantity::kTorque};
 constexpr std::array kChannels{
     KnownChannel{"command", kPosition, Channel::kCommand},
     KnownChannel{"actual", kPosition, Channel::kActual},
-    KnownChannel{"actual_motor", kPosition, std::nullopt},
+    KnownChannel{"actual_motor", kPosition, Channel::kActualMotor},
     KnownChannel{"torque", kDrive, Channel::kTorque},
     KnownChannel{"velocity_command", kRate, std::nullopt},
     KnownChannel{"velocity", kRate, std::nullopt},
@@ -405,6 +405,14 @@ void add_column(const std::string& source, const Wanted& wanted, Layout& layout)
                             wanted.unit});
 }
 
+/// The encoder of the load without which that of a motor is not read; empty for other channels.
+std::string load_of(const std::string& name) {
+  constexpr std::string_view kMotor = "_motor";
+  return split_channel(name)->channel == "actual_motor"
+             ? name.substr(0, name.size() - kMotor.size())
+             : std::string();
+}
+
 }  // namespace
 
 std::vector<double>& values_of(AxisRecord& axis, Channel channel) {
@@ -413,6 +421,8 @@ std::vector<double>& values_of(AxisRecord& axis, Channel channel) {
       return axis.command;
     case Channel::kActual:
       return axis.actual;
+    case Channel::kActualMotor:
+      return axis.actual_motor;
     case Channel::kTorque:
       break;
   }
@@ -443,6 +453,11 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
     if (is_time(one)) {
       layout.time = one.index;
       layout.time_unit = one.unit;
+    } else if (const std::string load = load_of(one.name);
+               !load.empty() && std::none_of(wanted.begin(), wanted.end(),
+                                             [&](const Wanted& w) { return w.name == load; })) {
+      layout.notes.push_back(one.name + " is not used without " + load +
+                             ", the encoder of the load: call an only encoder " + load);
     } else {
       add_column(source, one, layout);
     }

@@ -16,7 +16,7 @@
 namespace servotwin {
 
 /// The channels that a recording keeps.
-enum class Channel { kCommand, kActual, kTorque };
+enum class Channel { kCommand, kActual, kActualMotor, kTorque };
 
 [[nodiscard]] std::vector<double>& values_of(AxisRecord& axis, Channel channel);
 

@@ -27,7 +27,8 @@ std::vector<Written> columns_of(const Recording& recording) {
   // A recording without values still has its columns.
   const bool nothing =
       std::all_of(recording.axes.begin(), recording.axes.end(), [](const AxisRecord& axis) {
-        return all_absent(axis.command) && all_absent(axis.actual) && all_absent(axis.torque);
+        return all_absent(axis.command) && all_absent(axis.actual) &&
+               all_absent(axis.actual_motor) && all_absent(axis.torque);
       });
   const auto add = [&](const std::string& name, const std::string& unit,
                        const std::vector<double>& values) {
@@ -46,6 +47,7 @@ std::vector<Written> columns_of(const Recording& recording) {
     const std::string position = axis.rotary ? "rad" : "m";
     add(axis.name + ".command", position, axis.command);
     add(axis.name + ".actual", position, axis.actual);
+    add(axis.name + ".actual_motor", position, axis.actual_motor);
     if (!axis.torque.empty() && axis.torque_unit.empty()) {
       throw std::invalid_argument(axis.name + ".torque has no unit");
     }

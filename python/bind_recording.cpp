@@ -164,6 +164,8 @@ void bind_recording(py::module_& module) {
       .def_property_readonly("time", [](const Segment& s) { return array_of(times_of(s)); })
       .def_property_readonly("command", [](const Segment& s) { return channel_of(s, s.command); })
       .def_property_readonly("actual", [](const Segment& s) { return channel_of(s, s.actual); })
+      .def_property_readonly("actual_motor",
+                             [](const Segment& s) { return channel_of(s, s.actual_motor); })
       .def_property_readonly("torque", [](const Segment& s) { return channel_of(s, s.torque); })
       .def("__len__", [](const Segment& s) { return s.size(); });
 
@@ -186,6 +188,9 @@ void bind_recording(py::module_& module) {
           [](const Axis& a) { return joined(a, [](const auto& s) { return s.command; }); })
       .def_property_readonly(
           "actual", [](const Axis& a) { return joined(a, [](const auto& s) { return s.actual; }); })
+      .def_property_readonly(
+          "actual_motor",
+          [](const Axis& a) { return joined(a, [](const auto& s) { return s.actual_motor; }); })
       .def_property_readonly(
           "torque", [](const Axis& a) { return joined(a, [](const auto& s) { return s.torque; }); })
       .def("__repr__", [](const Axis& a) {

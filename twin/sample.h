@@ -44,6 +44,8 @@ struct AxisRecord {
   std::vector<double> actual;   ///< [m | rad]
   std::vector<double> torque;   ///< empty, or one per row
   std::string torque_unit;      ///< "N", "Nm", "A", "V", "%" or empty
+  /// Encoder of the motor, where `actual` is that of the load: empty, or one per row [m | rad].
+  std::vector<double> actual_motor = {};
 };
 
 /// A recording as read, before gaps, repeats and jitter are handled.
@@ -56,14 +58,15 @@ struct Recording {
 
 /// An uninterrupted segment of one axis with constant sampling time. All arrays have one length.
 struct Segment {
-  double start_s = 0.0;        ///< time of the first sample in the recording
-  double sample_time_s = 0.0;  ///< > 0
-  Eigen::ArrayXd command;      ///< [m | rad]
-  Eigen::ArrayXd actual;       ///< [m | rad]
-  Eigen::ArrayXd torque;       ///< empty, or one per sample
-  Eigen::ArrayXd neighbour;    ///< command of another axis: empty, or one per sample
-  bool in_plane = false;       ///< this axis and the neighbour are linear: they form a path
-  Eigen::ArrayXd in_cut;       ///< 1 while the tool cuts: empty, or one per sample
+  double start_s = 0.0;         ///< time of the first sample in the recording
+  double sample_time_s = 0.0;   ///< > 0
+  Eigen::ArrayXd command;       ///< [m | rad]
+  Eigen::ArrayXd actual;        ///< [m | rad]
+  Eigen::ArrayXd torque;        ///< empty, or one per sample
+  Eigen::ArrayXd actual_motor;  ///< as of AxisRecord: empty, or one per sample; it may have gaps
+  Eigen::ArrayXd neighbour;     ///< command of another axis: empty, or one per sample
+  bool in_plane = false;        ///< this axis and the neighbour are linear: they form a path
+  Eigen::ArrayXd in_cut;        ///< 1 while the tool cuts: empty, or one per sample
   /// Number of lead-in samples at the start: they drive the state of friction, which is unknown
   /// before them, and are not counted in any fit or error figure.
   Eigen::Index lead = 0;

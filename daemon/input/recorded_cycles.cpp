@@ -15,7 +15,7 @@ namespace {
 template <class R, class Action>
 void for_each_column(R& recording, Action&& action) {
   for (auto& axis : recording.axes) {
-    for (auto* column : {&axis.command, &axis.actual, &axis.torque}) {
+    for (auto* column : {&axis.command, &axis.actual, &axis.actual_motor, &axis.torque}) {
       if (!column->empty()) action(*column);
     }
   }

@@ -245,6 +245,22 @@ std::vector<std::string> mend_encoder(AxisRecord& axis, double step_s,
   return out;
 }
 
+/// The motor's encoder, which has faults of its own, is repaired as the only one of its axis. Its
+/// zero is left: none of the load's is meant by it.
+std::vector<std::string> mend_motor(AxisRecord& axis, const std::vector<double>& time,
+                                    double step_s, PositionLimits limits) {
+  std::vector<std::string> out;
+  AxisRecord motor{axis.name, axis.rotary, axis.command, std::move(axis.actual_motor), {}, {}};
+  limits.offset_m = limits.offset_rad = HUGE_VAL;
+  if (const auto line = unwrap(motor)) out.push_back(*line);
+  if (const auto line = leave_out_spikes(motor, time, step_s)) out.push_back(*line);
+  for (const std::string& line : mend_encoder(motor, step_s, limits)) out.push_back(line);
+  if (const auto line = held(motor, "encoder", motor.actual, motor.command, step_s))
+    out.push_back(*line);
+  axis.actual_motor = std::move(motor.actual);
+  return out;
+}
+
 }  // namespace
 
 std::vector<std::string> mend_positions(Recording& recording, const std::string& only,
@@ -261,6 +277,9 @@ std::vector<std::string> mend_positions(Recording& recording, const std::string&
     for (const std::string& line : mend_encoder(axis, step_s, limits)) say(line);
     if (const auto line = held(axis, "encoder", axis.actual, axis.command, step_s)) say(*line);
     if (const auto line = held(axis, "command", axis.command, axis.actual, step_s)) say(*line);
+    if (axis.actual_motor.empty()) continue;
+    for (const std::string& line : mend_motor(axis, recording.time, step_s, limits))
+      out.push_back(axis.name + ".actual_motor: " + line);
   }
   recording.notes.insert(recording.notes.end(), out.begin(), out.end());
   return out;

@@ -13,6 +13,7 @@
 //   6. Reported, and left as it is: an encoder or a command that is refreshed more slowly than it
 //   is
 //      recorded, an encoder ahead of its command, a travel so small that its unit may be wrong.
+// An encoder of the motor beside that of the load is repaired in the same way, but for its zero.
 // Each repair is far from what a machine does (`PositionLimits`), so that thermal growth, lead
 // errors and backlash stay as they are.
 //

@@ -34,8 +34,11 @@ struct Channels {
   explicit Channels(const AxisRecord& axis, std::size_t rows)
       : command(axis.command),
         actual(axis.actual),
+        actual_motor(axis.actual_motor),
         torque(axis.torque),
         has_actual(axis.actual.size() == rows && !all_missing(axis.actual)),
+        has_motor(has_actual && axis.actual_motor.size() == rows &&
+                  !all_missing(axis.actual_motor)),
         has_torque(axis.torque.size() == rows && !all_missing(axis.torque)) {}
 
   [[nodiscard]] bool valid(std::size_t row) const {
@@ -43,13 +46,15 @@ struct Channels {
   }
   [[nodiscard]] bool same_values(std::size_t a, std::size_t b) const {
     return same(command[a], command[b]) && (!has_actual || same(actual[a], actual[b])) &&
+           (!has_motor || same(actual_motor[a], actual_motor[b])) &&
            (!has_torque || same(torque[a], torque[b]));
   }
 
   const std::vector<double>& command;
   const std::vector<double>& actual;
+  const std::vector<double>& actual_motor;
   const std::vector<double>& torque;
-  bool has_actual, has_torque;
+  bool has_actual, has_motor, has_torque;
 };
 
 /// Rows of one unbroken stretch, all with values, each with its place in steps from the first.
@@ -82,24 +87,24 @@ Eigen::ArrayXd interpolated(const Stretch& stretch, const std::vector<double>& v
   return even;
 }
 
-/// Bridges short gaps of the torque; longer gaps, and gaps at an end, stay NaN.
-void bridge_torque(Eigen::ArrayXd& torque, Eigen::Index most, SegmentReport& report) {
+/// Bridges short gaps of a channel that splits nothing; longer gaps, and gaps at an end, stay NaN.
+void bridge(Eigen::ArrayXd& values, Eigen::Index most, SegmentReport::Gaps& gaps) {
   Eigen::Index i = 0;
-  while (i < torque.size()) {
-    if (std::isfinite(torque[i])) {
+  while (i < values.size()) {
+    if (std::isfinite(values[i])) {
       ++i;
       continue;
     }
     Eigen::Index end = i;
-    while (end < torque.size() && !std::isfinite(torque[end])) ++end;
-    const bool inside = i > 0 && end < torque.size();
+    while (end < values.size() && !std::isfinite(values[end])) ++end;
+    const bool inside = i > 0 && end < values.size();
     if (inside && end - i <= most) {
-      const double slope = (torque[end] - torque[i - 1]) / static_cast<double>(end - i + 1);
-      for (Eigen::Index k = i; k < end; ++k) torque[k] = torque[k - 1] + slope;
-      report.torque_bridged += static_cast<std::size_t>(end - i);
+      const double slope = (values[end] - values[i - 1]) / static_cast<double>(end - i + 1);
+      for (Eigen::Index k = i; k < end; ++k) values[k] = values[k - 1] + slope;
+      gaps.bridged += static_cast<std::size_t>(end - i);
     } else {
-      torque.segment(i, end - i).setConstant(kAbsent);
-      report.torque_missing += static_cast<std::size_t>(end - i);
+      values.segment(i, end - i).setConstant(kAbsent);
+      gaps.missing += static_cast<std::size_t>(end - i);
     }
     i = end;
   }
@@ -176,9 +181,14 @@ class Cutter {
       segment.sample_time_s = stamps_.step_s;
       segment.command = interpolated(stretch_, channels_.command);
       if (channels_.has_actual) segment.actual = interpolated(stretch_, channels_.actual);
+      const auto most = static_cast<Eigen::Index>(most_missing_);
+      if (channels_.has_motor) {
+        segment.actual_motor = interpolated(stretch_, channels_.actual_motor);
+        bridge(segment.actual_motor, most, report.motor);
+      }
       if (channels_.has_torque) {
         segment.torque = interpolated(stretch_, channels_.torque);
-        bridge_torque(segment.torque, static_cast<Eigen::Index>(most_missing_), report);
+        bridge(segment.torque, most, report.torque);
       }
       report.used_rows += stretch_.row.size();
       report.segments.push_back({segment.start_s, segment.end_s(), samples});
@@ -255,10 +265,12 @@ std::vector<std::string> SegmentReport::lines() const {
   }
   if (nan_bridged > 0) lines.push_back(count(nan_bridged, "row") + " without a value bridged");
   if (nan_dropped > 0) lines.push_back(count(nan_dropped, "row") + " without a value dropped");
-  if (torque_bridged > 0) lines.push_back(count(torque_bridged, "torque value") + " bridged");
-  if (torque_missing > 0) {
-    lines.push_back(count(torque_missing, "torque value") + " missing, not bridged");
-  }
+  const auto say_gaps = [&](const Gaps& gaps, const std::string& what) {
+    if (gaps.bridged > 0) lines.push_back(count(gaps.bridged, what) + " bridged");
+    if (gaps.missing > 0) lines.push_back(count(gaps.missing, what) + " missing, not bridged");
+  };
+  say_gaps(motor, "value of the motor's encoder");
+  say_gaps(torque, "torque value");
   if (repeated > 0) {
     lines.push_back(count(repeated, "row") + " dropped: the stamp of the row before was repeated");
   }
@@ -393,8 +405,8 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
     refuse("the torque is in " + apiece(axis.torque_unit, next.torque_unit));
   const double begin_s = axis.segments.back().end_s() + kBetween_s;
   const double shift_s = begin_s - next.segments.front().start_s;
-  const bool torque = all_have(&Segment::torque), neighbour = all_have(&Segment::neighbour),
-             cuts = all_have(&Segment::in_cut);
+  const bool torque = all_have(&Segment::torque), motor = all_have(&Segment::actual_motor),
+             neighbour = all_have(&Segment::neighbour), cuts = all_have(&Segment::in_cut);
   for (Segment& s : next.segments) {
     s.start_s += shift_s;
     s.sample_time_s = axis.sample_time_s;
@@ -402,6 +414,7 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
   }
   for (Segment& s : axis.segments) {
     if (!torque) s.torque.resize(0);
+    if (!motor) s.actual_motor.resize(0);
     if (!neighbour) s.neighbour.resize(0), s.in_plane = false;
     if (!cuts) s.in_cut.resize(0);
   }
@@ -420,6 +433,7 @@ Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size) {
   out.sample_time_s = whole.sample_time_s;
   out.command = channel(whole.command);
   out.actual = channel(whole.actual);
+  out.actual_motor = channel(whole.actual_motor);
   out.torque = channel(whole.torque);
   out.neighbour = channel(whole.neighbour);
   out.in_cut = channel(whole.in_cut);

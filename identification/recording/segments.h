@@ -4,7 +4,8 @@
 // Missing samples and rows without a value (NaN) are bridged by linear interpolation up to a limit;
 // beyond it the recording is split there. Samples at uneven times are resampled linearly onto a
 // grid at their median step. identification/recording/stamps.h evaluates the time stamps. A torque
-// is bridged the same way but splits nothing: where it is missing for longer it stays NaN. Times in
+// and the encoder of a motor beside that of the load are bridged the same way but split nothing:
+// where they are missing for longer they stay NaN. Times in
 // seconds, as stamped in the recording. Errors: std::runtime_error, one line. Any thread.
 #pragma once
 
@@ -49,10 +50,13 @@ struct SegmentReport {
   double longest_bridged_s = 0.0;   ///< from the sample before it to the sample after it
   std::size_t nan_bridged = 0;      ///< rows without command or actual that were interpolated over
   std::size_t nan_dropped = 0;      ///< such rows where the recording was split, or at its ends
-  std::size_t torque_bridged = 0, torque_missing = 0;             ///< samples
-  std::size_t short_stretches = 0;                                ///< dropped
-  std::size_t short_rows = 0;                                     ///< in them
-  std::size_t repeated = 0, repaired = 0, unplaced = 0;           ///< as in Stamps
+  struct Gaps {
+    std::size_t bridged = 0, missing = 0;  ///< samples
+  };
+  Gaps motor, torque;                                    ///< of channels that split nothing
+  std::size_t short_stretches = 0;                       ///< dropped
+  std::size_t short_rows = 0;                            ///< in them
+  std::size_t repeated = 0, repaired = 0, unplaced = 0;  ///< as in Stamps
   double resolution_s = 0.0, jitter_rms = 0.0, jitter_max = 0.0;  ///< as in Stamps
 
   /// What was read, repaired or dropped, one item per line, for output.
@@ -75,9 +79,10 @@ struct SegmentedAxis {
                                          const SegmentLimits& limits = {});
 
 /// Adds another recording of the same axis: its segments follow those of `axis`, one second after
-/// their end, whatever their own stamps are. The new start of its first segment [s]. Torque, or the
-/// other axis of the plane, is kept where both have it. Throws if one is rotary and the other not,
-/// if their rates or the units of their torques differ, or if only one has an encoder.
+/// their end, whatever their own stamps are. The new start of its first segment [s]. Torque, the
+/// motor's encoder, or the other axis of the plane, is kept where both have it. Throws if one is
+/// rotary and the other not, if their rates or the units of their torques differ, or if only one
+/// has an encoder.
 double append(SegmentedAxis& axis, SegmentedAxis next);
 
 /// `size` samples of a segment, from sample `begin` on.

@@ -118,6 +118,21 @@ TEST_F(Csv, WhatIsNotReadIsNamed) {
   EXPECT_NE(notes(r).find("X.velocity is not used"), std::string::npos) << notes(r);
 }
 
+TEST_F(Csv, TheMotorsEncoderIsReadBesideThatOfTheLoad) {
+  const Recording r = read(
+      "time[s],X.command[m],X.actual[m],X.actual_motor[mm*-2],Y.command[m],Y.actual_motor[rad]\n"
+      "0,1,2,3,4,5\n1,1,2,,4,5\n");
+  EXPECT_EQ(r.axes.at(0).actual_motor.at(0), -0.006);
+  EXPECT_TRUE(std::isnan(r.axes.at(0).actual_motor.at(1)));
+  EXPECT_NE(notes(r).find("X.actual_motor: empty, NaN or infinite in 1 of 2 rows"),
+            std::string::npos);
+  EXPECT_NE(notes(r).find("Y.actual_motor is not used without Y.actual"), std::string::npos);
+  EXPECT_TRUE(r.axes.at(1).actual_motor.empty());
+  expect_error<std::runtime_error>(
+      [&] { (void)read("time[s],X.command[m],X.actual[m],X.actual_motor[rad]\n0,1,2,3\n"); },
+      {"axis 'X' has one position as a length and another as an angle"});
+}
+
 TEST_F(Csv, AChannelThatIsNotThereIsNanInEveryRow) {
   const Recording r = read("time[s],X.command[m]\n0,1\n1,2\n");
   ASSERT_EQ(r.axes.at(0).actual.size(), 2U);

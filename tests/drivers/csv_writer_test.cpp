@@ -34,7 +34,7 @@ Recording recording(std::size_t rows) {
   c.rotary = true;
   for (std::size_t i = 0; i < rows; ++i) {
     r.time.push_back(1e-3 * static_cast<double>(i));
-    for (auto* channel : {&x.command, &x.actual, &x.torque, &c.command})
+    for (auto* channel : {&x.command, &x.actual, &x.torque, &c.command, &x.actual_motor})
       channel->push_back(any(random));
     c.actual.push_back(kAbsent);
   }
@@ -63,7 +63,7 @@ TEST(WriteRecordingCsv, ARecordingOfNothingSaysOfWhatAndReadsBack) {
   const test::TemporaryDirectory directory;
   Recording written = recording(2);
   for (AxisRecord& axis : written.axes) {
-    for (auto* channel : {&axis.command, &axis.actual, &axis.torque})
+    for (auto* channel : {&axis.command, &axis.actual, &axis.actual_motor, &axis.torque})
       std::fill(channel->begin(), channel->end(), kAbsent);
   }
   write_recording_csv(directory.path() / "nothing.csv", written);
@@ -91,6 +91,7 @@ TEST(WriteRecordingCsv, ReadsBackBitForBit) {
     EXPECT_EQ(read.axes[a].torque_unit, written.axes[a].torque_unit);
     EXPECT_TRUE(same_bits(read.axes[a].command, written.axes[a].command));
     EXPECT_TRUE(same_bits(read.axes[a].actual, written.axes[a].actual));
+    EXPECT_TRUE(same_bits(read.axes[a].actual_motor, written.axes[a].actual_motor));
     EXPECT_TRUE(same_bits(read.axes[a].torque, written.axes[a].torque));
   }
   EXPECT_EQ(files_in(directory.path()), 1U);
@@ -102,7 +103,7 @@ TEST(WriteRecordingCsv, HeaderHasUnitsAndLeavesOutWhatIsAbsent) {
   write_recording_csv(file, recording(1));
   const std::string text = text_of(file);
   EXPECT_EQ(text.substr(0, text.find('\n')),
-            "time[s],X.command[m],X.actual[m],X.torque[Nm],C.command[rad]");
+            "time[s],X.command[m],X.actual[m],X.actual_motor[m],X.torque[Nm],C.command[rad]");
 }
 
 TEST(WriteRecordingCsv, AFullDiskLeavesTheOldFileAndNothingElse) {

@@ -29,6 +29,7 @@ Recording recording_of(const std::vector<double>& stamps, const std::vector<doub
   for (const double t : taken) {
     x.command.push_back(command_at(t));
     x.actual.push_back(command_at(t) - 1e-3 * t);
+    x.actual_motor.push_back(command_at(t) - 2e-3 * t);
     x.torque.push_back(-t);
   }
   recording.axes.push_back(x);
@@ -71,6 +72,7 @@ void expect_what_identification_reads(const Recording& recording) {
   const Segment& segment = read.segments[0];
   const std::vector<MachineFrame> frames = frames_of(recording);
   ASSERT_EQ(static_cast<Eigen::Index>(frames.size()), segment.size());
+  ASSERT_EQ(recorded_cycles(recording).recording.axes[0].actual_motor.size(), frames.size());
   for (std::size_t k = 0; k < frames.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     ASSERT_EQ(frames[k].sequence, k);

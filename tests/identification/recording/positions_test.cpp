@@ -426,6 +426,25 @@ TEST(Positions, SignRatioAndZeroOfTheEncoderAreRepaired) {
   EXPECT_LT(greatest_difference(spoiled.axes[0].actual, whole.axes[0].actual), 1e-9);
 }
 
+TEST(Positions, TheMotorsEncoderIsRepairedLikeThatOfTheLoadButForItsZero) {
+  Recording spoiled = motion(2.0, true);
+  const AxisRecord whole = spoiled.axes[0];
+  for (const double value : whole.actual) spoiled.axes[0].actual_motor.push_back(-value - 0.02);
+  spoiled.axes[0].actual_motor[700] += 0.5;
+  wrap(spoiled.axes[0].actual_motor, 0.0, kTurn);
+  const Recording recorded = spoiled;
+  EXPECT_THAT(mend_positions(spoiled),
+              ElementsAre(HasSubstr("C.actual_motor: the encoder goes round"),
+                          HasSubstr("C.actual_motor: one value"),
+                          HasSubstr("C.actual_motor: the encoder counts against")));
+  EXPECT_EQ(spoiled.axes[0].actual, whole.actual);
+  EXPECT_EQ(spoiled.axes[0].command, whole.command);
+  EXPECT_TRUE(std::isnan(spoiled.axes[0].actual_motor[700]));
+  spoiled.axes[0].actual_motor[700] = whole.actual[700] + 0.02;
+  for (double& value : spoiled.axes[0].actual_motor) value -= 0.02;
+  EXPECT_LT(greatest_difference(spoiled.axes[0].actual_motor, whole.actual), 1e-9);
+}
+
 TEST(Positions, WhatAMachineDoesStaysAsItIs) {
   Recording real = motion(0.3, false);
   AxisRecord& axis = real.axes[0];

@@ -154,9 +154,34 @@ TEST(Segments, AMissingTorqueSplitsNothing) {
   EXPECT_NEAR(filled[101], torque_at(0.101), 1e-3);
   EXPECT_TRUE(std::isnan(filled[0]) && std::isnan(filled[500]) && std::isnan(filled[519]));
   EXPECT_EQ(filled.isNaN().count(), 21);
-  EXPECT_EQ(axis.report.torque_bridged, 3U);
-  EXPECT_EQ(axis.report.torque_missing, 21U);
+  EXPECT_EQ(axis.report.torque.bridged, 3U);
+  EXPECT_EQ(axis.report.torque.missing, 21U);
   says(axis.report, "21 torque values missing");
+}
+
+// The motor's encoder beside that of the load; 'sampled' has none.
+TEST(Segments, AMissingMotorsEncoderSplitsNothingAndIsCutLikeTheOthers) {
+  Recording r = sampled(grid(1000, 0.001));
+  r.axes[0].actual_motor = r.axes[0].torque;
+  auto& motor = r.axes[0].actual_motor;
+  for (const std::size_t i : {0, 100, 101, 102}) motor[i] = kAbsent;
+  SegmentedAxis axis = segment_axis(r, "X");
+  ASSERT_EQ(axis.segments.size(), 1U);
+  EXPECT_NEAR(axis.segments[0].actual_motor[101], torque_at(0.101), 1e-3);
+  EXPECT_TRUE(std::isnan(axis.segments[0].actual_motor[0]));
+  says(axis.report, "3 values of the motor's encoder bridged");
+  says(axis.report, "1 value of the motor's encoder missing");
+  EXPECT_EQ(cut(axis.segments, 0.2, 0.5).at(0).actual_motor(7), motor[207]);
+
+  SegmentedAxis with = axis;
+  (void)append(with, segment_axis(r, "X"));
+  EXPECT_EQ(with.segments.at(1).actual_motor(500), motor[500]);
+  (void)append(axis, segment_axis(sampled(grid(500, 0.001)), "X"));
+  for (const Segment& s : axis.segments) EXPECT_EQ(s.actual_motor.size(), 0);
+
+  r.axes[0].actual.clear();
+  EXPECT_EQ(segment_axis(r, "X").segments[0].actual_motor.size(), 0)
+      << "there is nothing beside it";
 }
 
 // What cannot be used.
