@@ -16,6 +16,7 @@
 #include "cli/output.h"
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/encoder_difference.h"
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
@@ -60,7 +61,8 @@ std::string by_torque_alone(const Diagnosis& diagnosis,
 }
 
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
-                   const std::optional<TorqueDiagnosis>& torque, bool details) {
+                   const std::optional<TorqueDiagnosis>& torque,
+                   const std::optional<EncoderDifference>& encoders, bool details) {
   const bool rotary = diagnosis.baseline.rotary;
   say(people, "verdict     " + verdict_text(diagnosis) + by_torque_alone(diagnosis, torque));
   say(people, "baseline    " + structure_text(diagnosis.baseline.model));
@@ -92,6 +94,9 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
     if (const std::string also = torque ? torque_beside(*torque, cause.id) : ""; !also.empty())
+      say(people, "              " + also);
+    if (const std::string also = encoders ? encoders_beside(*encoders, cause.id) : "";
+        !also.empty())
       say(people, "              " + also);
     // A repair that lowers the tracking error by less than a thousandth is not printed.
     // Removing a feature of the control that helps the axis is no repair.
@@ -137,6 +142,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                      1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
   }
   for (const std::string& line : left_lines(diagnosis)) say(people, "residual    " + line);
+  if (encoders) say(people, "encoders    " + plain_text(*encoders));
   for (const NotObservable& one : diagnosis.not_observable)
     say(people, text("not observable here: %-24s ", one.id.c_str()) + one.why);
   if (diagnosis.suggested_test) {
@@ -183,7 +189,13 @@ void run_on_torque(const DiagnoseArguments& arguments, const SegmentedAxis& axis
   const TorqueDiagnosis torque = diagnose_torque(axis, arguments.options, commanded);
   say(people, "torque      diagnosed alone: " + reason);
   for (const std::string& line : torque_lines(torque, arguments.details)) say(people, line);
-  if (!arguments.result.empty()) write_json(arguments.result, torque_alone(torque, reason));
+  const std::optional<EncoderDifference> encoders = encoder_difference(axis);
+  if (encoders) say(people, "encoders    " + plain_text(*encoders));
+  if (!arguments.result.empty()) {
+    nlohmann::json result = torque_alone(torque, reason);
+    if (encoders) result["encoder_difference"] = to_json(*encoders);
+    write_json(arguments.result, result);
+  }
   if (!arguments.report.empty()) write_result(arguments.report, torque_page(torque, axis.source));
 }
 
@@ -230,7 +242,8 @@ void run(const DiagnoseArguments& arguments) {
   const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
   if (torque) heed(*torque, diagnosis);
   diagnosis.baseline.source = diagnosis.extended.source = arguments.input.source();
-  say_diagnosis(people, diagnosis, torque, arguments.details);
+  const std::optional<EncoderDifference> encoders = encoder_difference(axis);
+  say_diagnosis(people, diagnosis, torque, encoders, arguments.details);
   if (torque) {
     std::vector<std::string> told;
     for (const Cause& cause : diagnosis.causes) told.push_back(cause.id);
@@ -245,10 +258,12 @@ void run(const DiagnoseArguments& arguments) {
     nlohmann::json result = to_json(diagnosis, arguments.extended.string());
     if (!test.empty()) result["suggested_test_files"] = test;
     if (torque) add_torque(result, *torque);
+    if (encoders) result["encoder_difference"] = to_json(*encoders);
     write_json(arguments.result, result);
   }
   if (!arguments.report.empty())
-    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source, torque));
+    write_result(arguments.report,
+                 report_html(diagnosis, axis.segments, axis.source, torque, encoders));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 
 #include "cli/option_table.h"
 #include "cli/output.h"
+#include "diagnosis/encoder_difference.h"
 #include "drivers/text.h"
 #include "identification/recording/positions.h"
 #include "identification/recording/same_axis.h"
@@ -194,6 +195,9 @@ SegmentedAxis segmented(const Recording& whole, const std::string& axis, std::FI
   for (const std::string& line : segmented.report.lines()) say(people, line);
   if (const std::string late = remark_on_time(segmented.segments); !late.empty())
     say(people, "note: " + axis + ".actual " + late);
+  const auto errors = encoder_errors(segmented.segments);
+  if (errors && errors->load_max > 0.0)  // 0: without a command, the position stands in for it
+    say(people, "two encoders, following error " + errors_text(*errors, segmented.rotary));
   return segmented;
 }
 

@@ -417,7 +417,8 @@ std::string method_section(const Diagnosis& diagnosis) {
 }  // namespace
 
 std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
-                        const std::string& source, const std::optional<TorqueDiagnosis>& torque) {
+                        const std::string& source, const std::optional<TorqueDiagnosis>& torque,
+                        const std::optional<EncoderDifference>& encoders) {
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>Axis " +
@@ -428,6 +429,9 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
         text(", %.4g to %.4g s; errors are evaluated on the held-out data after %.4g s",
              segments.front().start_s, segments.back().end_s(), diagnosis.baseline.training_to_s);
   out += ".</p>\n";
+  if (encoders)
+    out += "<p>Following error " + errors_text(encoders->errors, encoders->rotary) + ". " +
+           escaped(plain_text(*encoders)) + "</p>\n";
   for (std::size_t i = 0; i < diagnosis.causes.size(); ++i)
     out += section_of(diagnosis, i, segments);
   if (!diagnosis.causes.empty() &&

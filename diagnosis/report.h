@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "diagnosis/diagnose.h"
+#include "diagnosis/encoder_difference.h"
 #include "diagnosis/torque.h"
 #include "twin/sample.h"
 
@@ -14,10 +15,12 @@ namespace servotwin {
 
 /// The page as HTML. `segments`: the recording that was diagnosed; the plots show its held-out
 /// part. `source`: where the recording comes from, for the first line. `torque`: what the torque
-/// shows, in the first sentence and as a section after the causes. Any thread.
+/// shows, in the first sentence and as a section after the causes. `encoders`: what two encoders
+/// show, as a paragraph. Any thread.
 [[nodiscard]] std::string report_html(const Diagnosis& diagnosis,
                                       const std::vector<Segment>& segments,
                                       const std::string& source,
-                                      const std::optional<TorqueDiagnosis>& torque = {});
+                                      const std::optional<TorqueDiagnosis>& torque = {},
+                                      const std::optional<EncoderDifference>& encoders = {});
 
 }  // namespace servotwin

@@ -8,6 +8,7 @@
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnose.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/encoder_difference.h"
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
@@ -62,9 +63,11 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
 }
 
 nlohmann::json json_of(const Diagnosed& diagnosed) {
-  if (!diagnosed.loop) return torque_alone(*diagnosed.torque, diagnosed.reason);
-  nlohmann::json out = to_json(*diagnosed.loop, "");
-  if (diagnosed.torque) add_torque(out, *diagnosed.torque);
+  nlohmann::json out = diagnosed.loop ? to_json(*diagnosed.loop, "")
+                                      : torque_alone(*diagnosed.torque, diagnosed.reason);
+  if (diagnosed.loop && diagnosed.torque) add_torque(out, *diagnosed.torque);
+  if (const auto encoders = encoder_difference(diagnosed.axis))
+    out["encoder_difference"] = to_json(*encoders);
   return out;
 }
 
@@ -102,7 +105,7 @@ const Diagnosis& loop_of(const Diagnosed& diagnosed) {
 
 std::string page_of(const Diagnosed& d) {
   if (!d.loop) return torque_page(*d.torque, d.axis.source);
-  return report_html(*d.loop, d.axis.segments, d.axis.source, d.torque);
+  return report_html(*d.loop, d.axis.segments, d.axis.source, d.torque, encoder_difference(d.axis));
 }
 
 }  // namespace

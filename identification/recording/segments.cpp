@@ -269,7 +269,7 @@ std::vector<std::string> SegmentReport::lines() const {
     if (gaps.bridged > 0) lines.push_back(count(gaps.bridged, what) + " bridged");
     if (gaps.missing > 0) lines.push_back(count(gaps.missing, what) + " missing, not bridged");
   };
-  say_gaps(motor, "value of the motor's encoder");
+  say_gaps(motor, "motor encoder value");
   say_gaps(torque, "torque value");
   if (repeated > 0) {
     lines.push_back(count(repeated, "row") + " dropped: the stamp of the row before was repeated");

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "drivers/recording_file.h"
 #include "program.h"
 #include "recordings.h"
 
@@ -66,6 +67,31 @@ TEST_F(Diagnose, SaysThatNoneIsNeeded) {
   EXPECT_EQ(diagnosis["residual"]["by_regressor"].size(), 8U);
   EXPECT_TRUE(diagnosis["residual"]["by_regressor"]["velocity"].contains("chance"));
   EXPECT_TRUE(diagnosis["residual"]["spectrum_peaks"].is_array());
+}
+
+// A load that stands 5 um behind its motor, on either side by the direction of the command.
+TEST_F(Diagnose, SaysWhatTwoEncodersShow) {
+  const auto motion = [](double t) {
+    return 0.02 * std::sin(2.0 * std::numbers::pi * 0.6 * t) - 0.006 * std::sin(5.0 * t);
+  };
+  ASSERT_EQ(diagnosed(motion).status, 0);
+  const Recording load = read_recording(recording_);
+  const AxisRecord& x = load.axes.at(0);
+  std::string table = "time[s],X.command[mm],X.actual[mm],X.actual_motor[mm]\n";
+  for (std::size_t k = 0; k + 1 < load.time.size(); ++k) {
+    const double behind = x.command[k + 1] > x.command[k] ? 5e-6 : -5e-6;
+    table += cell(load.time[k]) + ',' + cell(1e3 * x.command[k]) + ',' + cell(1e3 * x.actual[k]) +
+             ',' + cell(1e3 * (x.actual[k] + behind)) + '\n';
+  }
+  const Answer answer = servotwin_says({"diagnose", folder_.write("both.csv", table), "--json",
+                                        folder_ / "both.json", "--report", folder_ / "both.html"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("two encoders, following error "));
+  EXPECT_THAT(answer.out, HasSubstr("encoders    Between the encoders: play of "));
+  const json shown = json::parse(content_of(folder_ / "both.json"))["encoder_difference"];
+  EXPECT_TRUE(shown["play_m"]["shown"].get<bool>());
+  EXPECT_NEAR(shown["play_m"]["value"].get<double>(), 10e-6, 0.05e-6);
+  EXPECT_THAT(content_of(folder_ / "both.html"), HasSubstr("Between the encoders: play of "));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "drivers/recording_file.h"
 #include "tests/drivers/table_fixture.h"
+#include "tests/support/expect_error.h"
 
 namespace servotwin {
 namespace {
@@ -128,7 +129,7 @@ TEST_F(Csv, TheMotorsEncoderIsReadBesideThatOfTheLoad) {
             std::string::npos);
   EXPECT_NE(notes(r).find("Y.actual_motor is not used without Y.actual"), std::string::npos);
   EXPECT_TRUE(r.axes.at(1).actual_motor.empty());
-  expect_error<std::runtime_error>(
+  test::expect_error<std::runtime_error>(
       [&] { (void)read("time[s],X.command[m],X.actual[m],X.actual_motor[rad]\n0,1,2,3\n"); },
       {"axis 'X' has one position as a length and another as an angle"});
 }

@@ -31,7 +31,7 @@ struct Options {
   std::vector<std::string> leave_out;
   int jobs = 1, floor = 0;
   bool gaps = false;
-  Torque torque = Torque::kHalf;
+  Recorded recorded = Torque::kHalf;
   std::string list, write;
 };
 
@@ -71,21 +71,22 @@ std::vector<Job> jobs_of(const Options& options) {
   for (const std::string& id : effect_ids()) {
     if (!wanted(id)) continue;
     add(Kind::kSingle, options.cases,
-        [=, &options](int i) { return single_case(part, id, Class::kClear, i, options.torque); });
+        [=, &options](int i) { return single_case(part, id, Class::kClear, i, options.recorded); });
     add(Kind::kFaint, options.faint,
-        [=, &options](int i) { return single_case(part, id, Class::kFaint, i, options.torque); });
+        [=, &options](int i) { return single_case(part, id, Class::kFaint, i, options.recorded); });
   }
   for (const std::string& id : effect_ids()) {
     if (!wanted(id)) continue;
     for (int i = options.first; i < options.first + options.outside; ++i)
       out.push_back(
           {Kind::kOutside,
-           [=, &options] { return single_case(part, id, Class::kClear, i, options.torque); }, id});
+           [=, &options] { return single_case(part, id, Class::kClear, i, options.recorded); },
+           id});
   }
   for (const std::string& id : blind_ids()) {
     if (wanted(id))
       add(Kind::kBlind, options.blind,
-          [=, &options](int i) { return blind_case(part, id, i, options.torque); });
+          [=, &options](int i) { return blind_case(part, id, i, options.recorded); });
   }
   std::vector<std::string> changes = change_ids();
   changes.emplace_back();
@@ -94,9 +95,9 @@ std::vector<Job> jobs_of(const Options& options) {
       out.push_back({Kind::kChanged, {}, {}, [=] { return changed_outcome(part, id, i); }});
   }
   add(Kind::kPair, options.pairs,
-      [=, &options](int i) { return pair_case(part, i, options.torque); });
+      [=, &options](int i) { return pair_case(part, i, options.recorded); });
   add(Kind::kClean, options.clean,
-      [=, &options](int i) { return clean_case(part, i, options.torque); });
+      [=, &options](int i) { return clean_case(part, i, options.recorded); });
   return out;
 }
 
@@ -204,10 +205,12 @@ int run(int argc, char** argv) {
   app.add_option("--floor", options.floor,
                  "instead: the noise floors found on so many machines of all kinds")
       ->check(count);
-  app.add_option("--torque", options.torque,
+  app.add_option("--torque", options.recorded.torque,
                  "recordings that contain the torque: none, half (default) or all")
       ->transform(CLI::CheckedTransformer(std::map<std::string, Torque>{
           {"none", Torque::kNone}, {"half", Torque::kHalf}, {"all", Torque::kAll}}));
+  app.add_flag("--motor-encoder", options.recorded.motor,
+               "recordings of an encoder at the load also contain that of the motor");
   app.add_option("--list", options.list, "file for one line about every case");
   app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);

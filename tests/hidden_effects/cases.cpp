@@ -53,6 +53,7 @@ void append(std::string& text, double value, int decimals) {
 struct NamedTrace {
   const char* name;
   const Trace* trace;
+  std::vector<double> motor = {};  ///< as recorded; empty where it is not
 };
 
 /// `lost`: rows that are not written.
@@ -60,19 +61,24 @@ std::string csv_of(const std::vector<NamedTrace>& axes, double sample_time,
                    const std::vector<bool>& lost, const std::string& torque_unit) {
   constexpr double kMillimetres = 1e3;
   std::string text = "time[s]";
-  for (const auto& [name, trace] : axes) {
+  for (const auto& [name, trace, motor] : axes) {
     text += std::string(",") + name + ".command[mm]," + name + ".actual[mm]";
+    if (!motor.empty()) text += std::string(",") + name + ".actual_motor[mm]";
     if (!trace->torque.empty()) text += std::string(",") + name + ".torque[" + torque_unit + ']';
   }
   text += '\n';
   for (std::size_t row = 0; row < axes.front().trace->command.size(); ++row) {
     if (row < lost.size() && lost[row]) continue;
     append(text, static_cast<double>(row) * sample_time, 4);
-    for (const auto& [name, trace] : axes) {
+    for (const auto& [name, trace, motor] : axes) {
       text += ',';
       append(text, kMillimetres * trace->command[row], 9);
       text += ',';
       append(text, kMillimetres * trace->actual[row], 9);
+      if (!motor.empty()) {
+        text += ',';
+        append(text, kMillimetres * motor[row], 9);
+      }
       if (trace->torque.empty()) continue;
       text += ',';
       append(text, trace->torque[row], 9);
@@ -86,8 +92,19 @@ struct Wish {
   std::vector<std::string> ids;
   Class size = Class::kClear;
   bool blind = false;
-  bool torque = false;
+  bool torque = false, motor = false;
 };
+
+/// The motor's encoder as the other one reads; empty where the other one is the motor's.
+std::vector<double> motor_reading(const Trace& trace, const Reading& reading, Random random) {
+  std::vector<double> out;
+  if (reading.recorded == Encoder::kMotor) return out;
+  for (const double x : trace.motor) {
+    const double noisy = x + reading.noise * random.normal();
+    out.push_back(reading.step > 0.0 ? std::nearbyint(noisy / reading.step) * reading.step : noisy);
+  }
+  return out;
+}
 
 /// As a drive gives it: force, torque behind a screw, or current, counted either way.
 void record_torque(Rig& rig, Random random) {
@@ -201,6 +218,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
   out.sample_time_s = scene.rig.reading.sample_time;
   out.machine = describe(scene.rig);
   std::vector<NamedTrace> axes{{"X", &recorded}};
+  if (wish.motor) axes[0].motor = motor_reading(recorded, with_all.reading, Random(seed + 1));
   if (machine.records_other) axes.push_back({"Y", &other});
   // A recorder that loses samples repeats the last value or omits the rows.
   const bool lose_rows = hides("dropped_samples") && random.chance(0.3);
@@ -211,11 +229,13 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
   return out;
 }
 
-Case make_case(Part part, Wish wish, Torque torque, const std::string& kind, int index) {
+Case make_case(Part part, Wish wish, const Recorded& recorded, const std::string& kind, int index) {
   const std::string name =
       std::string(part == Part::kDev ? "dev/" : "test/") + kind + '/' + std::to_string(index);
   const std::uint64_t seed = seed_of(name);
-  wish.torque = torque == Torque::kAll || (torque == Torque::kHalf && seed % 2 == 1);
+  wish.torque =
+      recorded.torque == Torque::kAll || (recorded.torque == Torque::kHalf && seed % 2 == 1);
+  wish.motor = recorded.motor;
   Random random(seed);
   for (int i = 0; i < kMaxMachines; ++i) {
     if (std::optional<Case> found = try_machine(part, wish, random, seed)) {
@@ -284,15 +304,16 @@ bool Case::owns(const std::string& id) const {
   return std::find(own.begin(), own.end(), id) != own.end();
 }
 
-Case clean_case(Part part, int index, Torque torque) {
-  return make_case(part, {}, torque, "clean", index);
+Case clean_case(Part part, int index, const Recorded& recorded) {
+  return make_case(part, {}, recorded, "clean", index);
 }
 
-Case single_case(Part part, const std::string& id, Class size, int index, Torque torque) {
-  return make_case(part, {{id}, size}, torque, size == Class::kClear ? id : "faint-" + id, index);
+Case single_case(Part part, const std::string& id, Class size, int index,
+                 const Recorded& recorded) {
+  return make_case(part, {{id}, size}, recorded, size == Class::kClear ? id : "faint-" + id, index);
 }
 
-Case pair_case(Part part, int index, Torque torque) {
+Case pair_case(Part part, int index, const Recorded& recorded) {
   // The choice of the pair has its own seed, independent of the machines drawn for it.
   Random random(seed_of((part == Part::kDev ? "dev/pair/" : "test/pair/") + std::to_string(index)));
   const std::vector<std::string>& ids = effect_ids();
@@ -301,12 +322,12 @@ Case pair_case(Part part, int index, Torque torque) {
         ids[static_cast<std::size_t>(random.below(static_cast<int>(ids.size())))];
     const std::string& b =
         ids[static_cast<std::size_t>(random.below(static_cast<int>(ids.size())))];
-    if (may_pair(a, b)) return make_case(part, {{a, b}}, torque, a + '+' + b, index);
+    if (may_pair(a, b)) return make_case(part, {{a, b}}, recorded, a + '+' + b, index);
   }
 }
 
-Case blind_case(Part part, const std::string& id, int index, Torque torque) {
-  return make_case(part, {{id}, Class::kClear, true}, torque, "blind-" + id, index);
+Case blind_case(Part part, const std::string& id, int index, const Recorded& recorded) {
+  return make_case(part, {{id}, Class::kClear, true}, recorded, "blind-" + id, index);
 }
 
 }  // namespace servotwin::hidden_effects

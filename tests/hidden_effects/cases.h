@@ -29,6 +29,14 @@ enum class Class { kClear, kFaint };
 /// Which recordings contain the motor's torque; kHalf: those whose seed is odd. All else in them
 /// is the same.
 enum class Torque { kNone, kHalf, kAll };
+/// What recordings contain beside command and encoder. The motor's encoder, of the same noise and
+/// step, is in those in which the encoder is that of the load.
+struct Recorded {
+  Recorded(Torque of_which = Torque::kNone, bool and_motor = false)
+      : torque(of_which), motor(and_motor) {}
+  Torque torque;
+  bool motor;
+};
 
 inline constexpr double kClearFrom = 5.0;                  // of the noise
 inline constexpr double kFaintFrom = 1.0, kFaintTo = 3.0;  // of the noise
@@ -53,7 +61,8 @@ struct Case {
   int draws = 1;             ///< number of machines drawn until one reached the class
   std::string machine;       ///< description in one line
   bool torque = false;       ///< it is recorded
-  /// time[s],X.command[mm],X.actual[mm], with X.torque where it is recorded, and the same of Y.
+  /// time[s],X.command[mm],X.actual[mm], with X.actual_motor and X.torque where they are recorded,
+  /// and the same of Y.
   std::string csv;
 
   [[nodiscard]] bool hides(const std::string& id) const;
@@ -68,17 +77,17 @@ struct Case {
 [[nodiscard]] std::string csv_of(const Trace& trace, double sample_time);
 
 /// A machine without any of the effects.
-[[nodiscard]] Case clean_case(Part part, int index, Torque torque = Torque::kNone);
+[[nodiscard]] Case clean_case(Part part, int index, const Recorded& recorded = {});
 
 /// A machine with one effect.
 [[nodiscard]] Case single_case(Part part, const std::string& id, Class size, int index,
-                               Torque torque = Torque::kNone);
+                               const Recorded& recorded = {});
 
 /// Two clear effects, drawn by the index.
-[[nodiscard]] Case pair_case(Part part, int index, Torque torque = Torque::kNone);
+[[nodiscard]] Case pair_case(Part part, int index, const Recorded& recorded = {});
 
 /// An effect that is present but not observable in the record.
 [[nodiscard]] Case blind_case(Part part, const std::string& id, int index,
-                              Torque torque = Torque::kNone);
+                              const Recorded& recorded = {});
 
 }  // namespace servotwin::hidden_effects

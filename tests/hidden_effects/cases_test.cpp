@@ -113,6 +113,23 @@ TEST(Motion, RestsAndMovesFillTheTime) {
   EXPECT_GT(rested, 0.3);
 }
 
+TEST(HiddenEffects, TheMotorsEncoderIsOneColumnMoreBesideThatOfTheLoad) {
+  int with = 0;
+  for (int i = 0; i < 4; ++i) {
+    std::istringstream bare(single_case(Part::kDev, "backlash", Class::kClear, i).csv),
+        both(single_case(Part::kDev, "backlash", Class::kClear, i, {Torque::kNone, true}).csv);
+    std::string a, b;
+    bool motor = false;
+    while (std::getline(bare, a) && std::getline(both, b)) {
+      motor = motor || b.find("X.actual_motor[mm]") != std::string::npos;
+      if (motor) b.erase(b.rfind(','));
+      ASSERT_EQ(a, b) << "case " << i;
+    }
+    with += motor ? 1 : 0;
+  }
+  EXPECT_GT(with, 0);
+}
+
 TEST(HiddenEffects, TheTorqueIsOneColumnMoreAndNothingElse) {
   const Case without = single_case(Part::kDev, "gravity_offset", Class::kClear, 1);
   const Case with = single_case(Part::kDev, "gravity_offset", Class::kClear, 1, Torque::kAll);

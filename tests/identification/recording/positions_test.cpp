@@ -427,22 +427,24 @@ TEST(Positions, SignRatioAndZeroOfTheEncoderAreRepaired) {
 }
 
 TEST(Positions, TheMotorsEncoderIsRepairedLikeThatOfTheLoadButForItsZero) {
-  Recording spoiled = motion(2.0, true);
-  const AxisRecord whole = spoiled.axes[0];
-  for (const double value : whole.actual) spoiled.axes[0].actual_motor.push_back(-value - 0.02);
+  const AxisRecord whole = motion(2.0, true).axes[0];
+  Recording turned = motion(2.0, true), spoiled = turned;
+  spoiled.axes[0].actual_motor = whole.actual;
   spoiled.axes[0].actual_motor[700] += 0.5;
   wrap(spoiled.axes[0].actual_motor, 0.0, kTurn);
-  const Recording recorded = spoiled;
   EXPECT_THAT(mend_positions(spoiled),
               ElementsAre(HasSubstr("C.actual_motor: the encoder goes round"),
-                          HasSubstr("C.actual_motor: one value"),
-                          HasSubstr("C.actual_motor: the encoder counts against")));
+                          HasSubstr("C.actual_motor: one value of the encoder")));
+  EXPECT_TRUE(std::isnan(spoiled.axes[0].actual_motor[700]));
+  spoiled.axes[0].actual_motor[700] = whole.actual[700];
+  EXPECT_LT(greatest_difference(spoiled.axes[0].actual_motor, whole.actual), 1e-9);
   EXPECT_EQ(spoiled.axes[0].actual, whole.actual);
   EXPECT_EQ(spoiled.axes[0].command, whole.command);
-  EXPECT_TRUE(std::isnan(spoiled.axes[0].actual_motor[700]));
-  spoiled.axes[0].actual_motor[700] = whole.actual[700] + 0.02;
-  for (double& value : spoiled.axes[0].actual_motor) value -= 0.02;
-  EXPECT_LT(greatest_difference(spoiled.axes[0].actual_motor, whole.actual), 1e-9);
+
+  for (const double value : whole.actual) turned.axes[0].actual_motor.push_back(-value - 0.7);
+  EXPECT_THAT(mend_positions(turned), ElementsAre(HasSubstr("C.actual_motor: the encoder counts")));
+  for (double& value : turned.axes[0].actual_motor) value -= 0.7;
+  EXPECT_LT(greatest_difference(turned.axes[0].actual_motor, whole.actual), 1e-9);
 }
 
 TEST(Positions, WhatAMachineDoesStaysAsItIs) {

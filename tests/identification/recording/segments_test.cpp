@@ -169,8 +169,8 @@ TEST(Segments, AMissingMotorsEncoderSplitsNothingAndIsCutLikeTheOthers) {
   ASSERT_EQ(axis.segments.size(), 1U);
   EXPECT_NEAR(axis.segments[0].actual_motor[101], torque_at(0.101), 1e-3);
   EXPECT_TRUE(std::isnan(axis.segments[0].actual_motor[0]));
-  says(axis.report, "3 values of the motor's encoder bridged");
-  says(axis.report, "1 value of the motor's encoder missing");
+  says(axis.report, "3 motor encoder values bridged");
+  says(axis.report, "1 motor encoder value missing");
   EXPECT_EQ(cut(axis.segments, 0.2, 0.5).at(0).actual_motor(7), motor[207]);
 
   SegmentedAxis with = axis;
