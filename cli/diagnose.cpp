@@ -20,7 +20,6 @@
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
-#include "identification/recording/motion_range.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
