@@ -17,6 +17,7 @@
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/encoder_difference.h"
+#include "diagnosis/in_short.h"
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
@@ -257,9 +258,12 @@ void run(const DiagnoseArguments& arguments) {
     nlohmann::json result = to_json(diagnosis, arguments.extended.string());
     if (!test.empty()) result["suggested_test_files"] = test;
     if (torque) add_torque(result, *torque);
+    result["in_short"] = in_short(diagnosis, torque);
     if (encoders) result["encoder_difference"] = to_json(*encoders);
     write_json(arguments.result, result);
   }
+  say(people, "");
+  for (const std::string& sentences : in_short(diagnosis, torque)) say(people, sentences);
   if (!arguments.report.empty())
     write_result(arguments.report,
                  report_html(diagnosis, axis.segments, axis.source, torque, encoders));

@@ -106,6 +106,8 @@ void run(const HistoryArguments& arguments) {
       list.back()["model"] = json::parse(one.extended_model, nullptr, false);
     say(people, line_of(one, list.back()));
   }
+  for (const json& sentences : list.back().value("in_short", json::array()))
+    say(people, sentences.get<std::string>());
   if (arguments.result.empty()) return;
   write_json(arguments.result, {{"schema", kSchema},
                                 {"machine", arguments.machine},

@@ -145,6 +145,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   diagnosis.regimes = by_regime(stretches);
   diagnosis.regressors = by_regressor(stretches);
   diagnosis.peaks = spectrum_peaks(stretches);
+  diagnosis.lag = command_lag(holdout);
   const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
   // The error without causes is that of the baseline. An effect that the baseline contains already
   // counts as explained for itself; for the others only where there are none: however much it

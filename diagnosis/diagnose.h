@@ -20,6 +20,7 @@
 #include <string_view>
 #include <vector>
 
+#include "diagnosis/command_lag.h"
 #include "diagnosis/gain.h"
 #include "diagnosis/observability.h"
 #include "diagnosis/regressor.h"
@@ -91,6 +92,7 @@ struct Diagnosis {
   RegressorShares regressors;       ///< of the same residual
   std::vector<SpectrumPeak> peaks;  ///< of the same residual
   double unexplained_share = 0.0;   ///< of the baseline's squared error beyond the noise floor
+  CommandLag lag;                   ///< of the tracking error on the hold-out
   std::optional<SuggestedTest> suggested_test;  ///< where the recording leaves causes undecided
   /// The motor's limit and the moments at it, as text: "190 N in 6 moments (0.3 s in all)"; empty:
   /// none were seen.

@@ -10,6 +10,7 @@
 #include "diagnosis/cause_picture.h"
 #include "diagnosis/cause_words.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/in_short.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
 #include "diagnosis/torque_text.h"
@@ -263,25 +264,12 @@ std::string next_step_of(const Diagnosis& diagnosis) {
   return out.empty() ? out : "<div><h2>If in doubt</h2>" + out + "</div>\n";
 }
 
-/// The causes that only the torque names. A limit of the motor is a sentence of its own.
-std::vector<std::string> further_by(const std::optional<TorqueDiagnosis>& torque,
-                                    const Diagnosis& diagnosis) {
-  std::vector<std::string> out;
-  if (!torque) return out;
-  for (const TorqueCause& cause : torque->causes) {
-    const bool told = std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
-                                  [&](const Cause& other) { return other.id == cause.id; }) ||
-                      (cause.id == "torque_saturation" && !diagnosis.at_limit.empty());
-    if (!told) out.push_back(cause.id);
-  }
-  return out;
-}
-
 /// What a maintenance engineer has to know: verdict, what to do, how sure, one picture.
 std::string first_screen(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
                          const std::optional<TorqueDiagnosis>& torque) {
-  std::string out = "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n<p class='verdict'>" +
-                    escaped(plain_verdict(diagnosis, further_by(torque, diagnosis))) + "</p>\n";
+  std::string out = "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n";
+  for (const std::string& sentences : in_short(diagnosis, torque))
+    out += "<p class='verdict'>" + escaped(sentences) + "</p>\n";
   out += "<div class='facts'>" + checks_of(diagnosis);
   if (!diagnosis.causes.empty()) out += certainty_of(diagnosis);
   out += next_step_of(diagnosis) + "</div>\n";

@@ -9,6 +9,7 @@
 #include "diagnosis/diagnose.h"
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/encoder_difference.h"
+#include "diagnosis/in_short.h"
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
@@ -66,6 +67,7 @@ nlohmann::json json_of(const Diagnosed& diagnosed) {
   nlohmann::json out = diagnosed.loop ? to_json(*diagnosed.loop, "")
                                       : torque_alone(*diagnosed.torque, diagnosed.reason);
   if (diagnosed.loop && diagnosed.torque) add_torque(out, *diagnosed.torque);
+  if (diagnosed.loop) out["in_short"] = in_short(*diagnosed.loop, diagnosed.torque);
   if (const auto encoders = encoder_difference(diagnosed.axis))
     out["encoder_difference"] = to_json(*encoders);
   return out;

@@ -9,6 +9,7 @@
 #include "daemon/between/clock.h"
 #include "daemon/store/report_file.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/in_short.h"
 #include "diagnosis/report.h"
 #include "diagnosis/text.h"
 #include "diagnosis/torque_text.h"
@@ -142,6 +143,7 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     diagnosis.extended.created = event.time;
     nlohmann::json json = to_json(diagnosis, "");
     if (torque) add_torque(json, *torque);
+    json["in_short"] = in_short(diagnosis, torque);
     json["created"] = event.time;
     json["reason"] = reason;
     keep_report(name,
