@@ -12,6 +12,8 @@
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
+#include "cli/prediction_plot.h"
+#include "diagnosis/diagnose.h"
 #include "identification/loop/identified_file.h"
 #include "identification/loop/joint.h"
 #include "identification/recording/excerpt.h"
@@ -26,7 +28,7 @@ constexpr double kMaxRmsOverFloorForDeviations = 3.0;
 
 struct IdentifyArguments {
   AxisOptions input;
-  std::filesystem::path model, result;
+  std::filesystem::path model, result, plot;
   IdentifyOptions identify;
   bool no_pole_constraints = false;
   bool whole = false;    ///< --whole: all of a long recording
@@ -135,7 +137,7 @@ void say_result(std::FILE* people, const Identified& identified,
 }
 
 void run(const IdentifyArguments& arguments) {
-  std::FILE* people = people_beside({arguments.model, arguments.result});
+  std::FILE* people = people_beside({arguments.model, arguments.result, arguments.plot});
   IdentifyOptions options = arguments.identify;
   if (auto why = why_invalid(options.bounds); !why.empty()) throw UsageError(why);
   if (arguments.no_pole_constraints && options.method != Method::kFullLs) {
@@ -183,6 +185,13 @@ void run(const IdentifyArguments& arguments) {
     if (!arguments.model.empty()) why += "; " + arguments.model.string() + " was not written";
     throw std::runtime_error(why);
   }
+  if (!arguments.plot.empty()) {
+    const ModelRecord& record = identified.record;
+    const std::vector<Segment> holdout = held_out(axis.segments, record.training_to_s + 1e-9);
+    write_result(arguments.plot,
+                 plot_rows_svg(prediction_panels(record.axis, record.rotary, record.model, holdout,
+                                                 record.holdout, record.noise_floor)));
+  }
   if (arguments.model.empty()) return;
   write_json(arguments.model, to_json(identified.record));
   if (!is_stdout(arguments.model)) say(people, "written     " + arguments.model.string());
@@ -218,6 +227,11 @@ Command add_identify(CLI::App& app) {
       .option("--json", arguments->result,
               "write the complete result to this file; - is standard output")
       .takes("OUT");
+  command
+      .option("--plot", arguments->plot,
+              "write a plot of the held-out data, measured and predicted, to this file (SVG), "
+              "unless the model is refused")
+      .takes("OUT.svg");
   command
       .option_read_by(
           "--method",

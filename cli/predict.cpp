@@ -13,6 +13,7 @@
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
+#include "cli/prediction_plot.h"
 #include "identification/loop/identify.h"
 #include "identification/model/json_number.h"
 #include "identification/model/motion_reach.h"
@@ -32,7 +33,7 @@ struct PredictArguments {
   RecordingOptions recording;
   std::vector<std::string> axes;
   std::vector<std::filesystem::path> models;  // in the order of the axes
-  std::filesystem::path table, result;
+  std::filesystem::path table, result, plot;
 };
 
 struct Judged {
@@ -157,6 +158,16 @@ std::string table_of(const std::vector<PredictedAxis>& all) {
     }
   }
   return csv(columns);
+}
+
+std::string plot_of(const std::vector<PredictedAxis>& all) {
+  std::vector<PlotPanel> panels;
+  for (const PredictedAxis& one : all) {
+    for (PlotPanel& panel : prediction_panels(one.axis.axis, one.axis.rotary, one.model,
+                                              one.axis.segments, one.all, one.noise_floor))
+      panels.push_back(std::move(panel));
+  }
+  return plot_rows_svg(panels);
 }
 
 /// Of the linear axes, if they form a path and their rows belong together.
@@ -289,7 +300,7 @@ void run(PredictArguments arguments) {
     if (std::count(arguments.axes.begin(), arguments.axes.end(), arguments.axes[i]) > 1)
       throw UsageError("--axis " + arguments.axes[i] + " is given twice");
   }
-  std::FILE* people = people_beside({arguments.table, arguments.result});
+  std::FILE* people = people_beside({arguments.table, arguments.result, arguments.plot});
   require_order(arguments);
   const Recording recording =
       arguments.recording.read(people, arguments.axes.size() == 1 ? arguments.axes.front() : "");
@@ -313,6 +324,7 @@ void run(PredictArguments arguments) {
   }
   if (!arguments.table.empty()) write_result(arguments.table, table_of(all));
   if (!arguments.result.empty()) write_json(arguments.result, result_of(all, contour));
+  if (!arguments.plot.empty()) write_result(arguments.plot, plot_of(all));
 }
 
 }  // namespace
@@ -344,6 +356,10 @@ Command add_predict(CLI::App& app) {
       .option("--json", arguments->result,
               "write the figures to this file (servotwin.prediction/1); - is standard output")
       .takes("OUT");
+  command
+      .option("--plot", arguments->plot,
+              "write a plot of the tracking error, measured and predicted, to this file (SVG)")
+      .takes("OUT.svg");
   return {command.app(), [arguments] { run(*arguments); }};
 }
 

@@ -14,11 +14,14 @@ namespace servotwin {
 namespace {
 
 // All in px.
-constexpr double kWidth = 560.0, kHeight = 380.0;              // of a panel
+constexpr double kWidth = 560.0, kHeight = 380.0;              // of a panel side by side
+constexpr double kRowWidth = 860.0, kRowHeight = 190.0;        // of a panel in a row of its own
 constexpr double kLeft = 64.0, kRight = 16.0, kBottom = 48.0;  // margins of a panel
-constexpr double kTitle = 20.0;                                // y of the baseline of the title
-constexpr double kLine = 18.0;                                 // distance between lines of text
-constexpr double kLetter = 7.4;                                // about the width of a letter
+constexpr double kTickLabels = 24.0;    // bottom margin of a panel without a label of x
+constexpr double kTickDistance = 96.0;  // least distance of ticks where there are more than six
+constexpr double kTitle = 20.0;         // y of the baseline of the title
+constexpr double kLine = 18.0;          // distance between lines of text
+constexpr double kLetter = 7.4;         // about the width of a letter
 constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
                                                  "#9b59b6", "#c79a1b", "#6b7785"};
 
@@ -45,7 +48,8 @@ struct Scale {
       }
       return out;
     }
-    const double rough = (high - low) / 5.0;
+    const double intervals = std::max(5.0, std::abs(end - begin) / kTickDistance);
+    const double rough = (high - low) / intervals;
     const double decade = std::pow(10.0, std::floor(std::log10(rough)));
     double step = 10.0 * decade;
     for (const double factor : {5.0, 2.0, 1.0}) {
@@ -67,22 +71,53 @@ struct Place {
   double x = 0.0, y = 0.0;
 };
 
+/// The part of the picture that a panel fills.
+struct Frame {
+  double left = 0.0, top = 0.0, width = 0.0, height = 0.0;
+};
+
 /// Positions of the legend entries: line by line under the title.
-std::vector<Place> legend_of(const PlotPanel& panel) {
+std::vector<Place> legend_of(const PlotPanel& panel, const Frame& frame) {
   std::vector<Place> places;
-  Place next{kLeft, kTitle + kLine};
+  const double left = frame.left + kLeft, right = frame.left + frame.width - kRight;
+  Place next{left, frame.top + kTitle + (panel.title.empty() ? 0.0 : kLine)};
   for (const PlotSeries& s : panel.series) {
     if (s.name.empty()) continue;
     const double width = 26.0 + kLetter * static_cast<double>(s.name.size());
-    if (next.x > kLeft && next.x + width > kWidth - kRight) next = {kLeft, next.y + kLine};
+    if (next.x > left && next.x + width > right) next = {left, next.y + kLine};
     places.push_back(next);
     next.x += width;
   }
   return places;
 }
 
-std::string panel_svg(const PlotPanel& panel, double offset) {
-  const std::vector<Place> legend = legend_of(panel);
+/// The points of a series that are drawn. Of the points of a line that follow each other within one
+/// column of pixels only the first, lowest, highest and last are visible; the others would make the
+/// file of a long recording large.
+std::vector<std::size_t> drawn_points(const PlotPanel& panel, const PlotSeries& s, const Scale& x) {
+  std::vector<std::size_t> out;
+  const std::size_t size = std::min(s.x.size(), s.y.size());
+  for (std::size_t i = 0, next = 0; i < size; i = next) {
+    std::size_t low = i, high = i;
+    next = i + 1;
+    if (s.line && s.error.empty() && shown(panel, s.x[i], s.y[i])) {
+      for (const double column = std::floor(x.at(s.x[i]));
+           next < size && shown(panel, s.x[next], s.y[next]) &&
+           std::floor(x.at(s.x[next])) == column;
+           ++next) {
+        if (s.y[next] < s.y[low]) low = next;
+        if (s.y[next] > s.y[high]) high = next;
+      }
+    }
+    for (const std::size_t k : {i, std::min(low, high), std::max(low, high), next - 1}) {
+      if (out.empty() || k > out.back()) out.push_back(k);
+    }
+  }
+  return out;
+}
+
+std::string panel_svg(const PlotPanel& panel, const Frame& frame) {
+  const std::vector<Place> legend = legend_of(panel, frame);
   Scale x, y;
   x.logarithmic = panel.logarithmic_x;
   y.logarithmic = panel.logarithmic_y;
@@ -110,10 +145,14 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
     scale->low -= margin;
     scale->high += margin;
   }
-  x.begin = offset + kLeft;
-  x.end = offset + kWidth - kRight;
-  y.begin = kHeight - kBottom;
-  y.end = (legend.empty() ? kTitle : legend.back().y) + 12.0;
+  const double bottom = frame.top + frame.height;
+  x.begin = frame.left + kLeft;
+  x.end = frame.left + frame.width - kRight;
+  y.begin = bottom - (panel.x_label.empty() ? kTickLabels : kBottom);
+  y.end = (!legend.empty()       ? legend.back().y
+           : panel.title.empty() ? frame.top
+                                 : frame.top + kTitle) +
+          12.0;
 
   std::string out;
   const auto label = [&](double px, double py, const char* anchor, const std::string& words,
@@ -124,7 +163,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   const auto rule = [&](double x1, double y1, double x2, double y2) {
     out += text("<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>\n", x1, y1, x2, y2);
   };
-  label(offset + kWidth / 2.0, kTitle, "middle", panel.title, "class='title'");
+  label(frame.left + frame.width / 2.0, frame.top + kTitle, "middle", panel.title, "class='title'");
   for (const double v : x.ticks()) {
     rule(x.at(v), y.begin, x.at(v), y.end);
     label(x.at(v), y.begin + 16.0, "middle", text("%.4g", v));
@@ -133,10 +172,10 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
     rule(x.begin, y.at(v), x.end, y.at(v));
     label(x.begin - 6.0, y.at(v) + 4.0, "end", text("%.4g", v));
   }
-  label((x.begin + x.end) / 2.0, kHeight - 10.0, "middle", panel.x_label);
+  label((x.begin + x.end) / 2.0, bottom - 10.0, "middle", panel.x_label);
   const double middle = (y.begin + y.end) / 2.0;
-  label(offset + 16.0, middle, "middle", panel.y_label,
-        text("transform='rotate(-90 %.1f %.1f)'", offset + 16.0, middle).c_str());
+  label(frame.left + 16.0, middle, "middle", panel.y_label,
+        text("transform='rotate(-90 %.1f %.1f)'", frame.left + 16.0, middle).c_str());
 
   for (const double v : panel.marks) {
     if (const double place = x.at(v); place >= x.begin && place <= x.end)
@@ -161,7 +200,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
       }
       points.clear();
     };
-    for (std::size_t i = 0; i < std::min(s.x.size(), s.y.size()); ++i) {
+    for (const std::size_t i : drawn_points(panel, s, x)) {
       if (!shown(panel, s.x[i], s.y[i])) {
         end_line();
       } else if (s.line) {
@@ -184,11 +223,24 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
     end_line();
     if (s.name.empty()) continue;
     const Place& at = legend[entry++];
-    out += text("<rect x='%.1f' y='%.1f' width='10' height='10' ", offset + at.x, at.y - 9.0) +
-           "fill='" + colour + "'/>\n";
-    label(offset + at.x + 14.0, at.y, "start", s.name);
+    out += text("<rect x='%.1f' y='%.1f' width='10' height='10' ", at.x, at.y - 9.0) + "fill='" +
+           colour + "'/>\n";
+    label(at.x + 14.0, at.y, "start", s.name);
   }
   return out;
+}
+
+/// An SVG element of this size around the panels.
+std::string svg_of(double width, double height, const std::string& panels) {
+  return text(
+             "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 %.0f %.0f' width='%.0f' "
+             "height='%.0f'>\n",
+             width, height, width, height) +
+         "<style>svg{background:#fff}text{font:12px sans-serif;fill:#222}.title{font-weight:bold;"
+         "font-size:13px}.grid{stroke:#888;stroke-opacity:.25}.mark{"
+         "stroke:#888;stroke-dasharray:2 3}@media(prefers-color-scheme:dark){svg{"
+         "background:#16181c}text{fill:#ddd}}</style>\n" +
+         panels + "</svg>\n";
 }
 
 }  // namespace
@@ -196,19 +248,23 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
 const char* plot_colour(std::size_t place) { return kPalette[place % kPalette.size()]; }
 
 std::string plot_svg(const std::vector<PlotPanel>& panels) {
-  const double width = kWidth * static_cast<double>(panels.size());
-  std::string out = text(
-      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 %.0f %.0f' width='%.0f' "
-      "height='%.0f'>\n",
-      width, kHeight, width, kHeight);
-  out +=
-      "<style>svg{background:#fff}text{font:12px sans-serif;fill:#222}.title{font-weight:bold;"
-      "font-size:13px}.grid{stroke:#888;stroke-opacity:.25}.mark{"
-      "stroke:#888;stroke-dasharray:2 3}@media(prefers-color-scheme:dark){svg{"
-      "background:#16181c}text{fill:#ddd}}</style>\n";
-  for (std::size_t i = 0; i < panels.size(); ++i)
-    out += panel_svg(panels[i], kWidth * static_cast<double>(i));
-  return out + "</svg>\n";
+  std::string out;
+  double left = 0.0;
+  for (const PlotPanel& panel : panels) {
+    out += panel_svg(panel, {left, 0.0, kWidth, kHeight});
+    left += kWidth;
+  }
+  return svg_of(left, kHeight, out);
+}
+
+std::string plot_rows_svg(const std::vector<PlotPanel>& panels) {
+  std::string out;
+  double top = 0.0;
+  for (const PlotPanel& panel : panels) {
+    out += panel_svg(panel, {0.0, top, kRowWidth, kRowHeight});
+    top += kRowHeight;
+  }
+  return svg_of(kRowWidth, top, out);
 }
 
 }  // namespace servotwin

@@ -1,6 +1,7 @@
-// Plots as SVG: panels side by side. Each panel has points and lines over one pair of axes, ticks
-// at round numbers, a grid and a legend. The SVG is self-contained and readable on light and dark
-// pages. Values that are not finite leave a gap in a line. Any thread. Errors:
+// Plots as SVG: panels side by side or in rows. Each panel has points and lines over one pair of
+// axes, ticks at round numbers, a grid and a legend. The SVG is self-contained and readable on
+// light and dark pages. Values that are not finite leave a gap in a line. A long line is drawn with
+// at most four points per column of pixels, its extremes among them. Any thread. Errors:
 // std::invalid_argument for a panel without a finite point.
 #pragma once
 
@@ -21,7 +22,7 @@ struct PlotSeries {
 };
 
 struct PlotPanel {
-  std::string title, x_label, y_label;  ///< labels with their units
+  std::string title, x_label, y_label;  ///< labels with their units; empty: none
   bool logarithmic_x = false;           ///< logarithmic axis: only x > 0 is shown
   std::vector<PlotSeries> series;
   std::vector<double> marks = {};  ///< values of x marked by a dotted vertical line
@@ -33,5 +34,8 @@ struct PlotPanel {
 
 /// The panels as one SVG element, from left to right.
 [[nodiscard]] std::string plot_svg(const std::vector<PlotPanel>& panels);
+/// The panels as one SVG element, one below the other, as wide as a page and low: for what happens
+/// over time.
+[[nodiscard]] std::string plot_rows_svg(const std::vector<PlotPanel>& panels);
 
 }  // namespace servotwin

@@ -190,6 +190,8 @@ TEST_F(AnUnwritableResult, IsFoundBeforeTheWork) {
            {"identify", recording_, "--axis", "X", "--json", nowhere},
            {"predict", recording_, "--axis", "X", "--model", good, "--json", nowhere},
            {"predict", recording_, "--axis", "X", "--model", good, "--out", nowhere},
+           {"predict", recording_, "--axis", "X", "--model", good, "--plot", nowhere},
+           {"identify", recording_, "--axis", "X", "--plot", nowhere},
            {"simulate", recording_, "--model", good, "--out", nowhere}}) {
     const Answer answer = servotwin_says(words);
     expect_one_complaint(answer, nowhere + ": cannot be written");

@@ -66,6 +66,31 @@ TEST(Plot, ALineHasItsErrorAsABandThatAGapBreaks) {
   EXPECT_NEAR((low - high) / (332.0 - 50.0), 1.0 / 2.75, 1e-3);
 }
 
+TEST(Plot, ALongLineKeepsItsExtremesInAFewPointsPerPixel) {
+  PlotPanel p = panel();
+  PlotSeries line{"line", {}, {}, true, ""};
+  for (int k = 0; k <= 100000; ++k) {
+    line.x.push_back(k);
+    line.y.push_back(k == 40001 ? 1000.0 : k == 40002 ? -1000.0 : std::sin(k));
+  }
+  p.series = {line};
+  const std::string svg = plot_svg({p});
+  EXPECT_LT(count(svg, "[0-9.]+,[0-9.]+ "), 4 * 480);
+  // 5 % of margin above and below the area from 50 to 332.
+  EXPECT_EQ(count(svg, ",62\\.8 "), 1);
+  EXPECT_EQ(count(svg, ",319\\.2 "), 1);
+}
+
+TEST(Plot, RowsAreOneBelowTheOther) {
+  PlotPanel p = panel();
+  p.title.clear();
+  const std::string svg = plot_rows_svg({p, p});
+  EXPECT_THAT(svg, HasSubstr("viewBox='0 0 860 380'"));
+  // Each 190 high, with its area from 32 to 142 in it and 5 % of margin.
+  for (const char* y : {"cy='137.0'", "cy='37.0'", "cy='327.0'", "cy='227.0'"})
+    EXPECT_THAT(svg, HasSubstr(y));
+}
+
 TEST(Plot, AFlatLineStillHasAnAxis) {
   PlotPanel p = panel();
   p.series = {{"", {1.0, 1.0}, {0.0, 0.0}, true, ""}};
