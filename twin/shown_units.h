@@ -18,10 +18,16 @@ inline constexpr double kMilli = 1e-3, kMicro = 1e-6;
 /// "um", "urad" on a rotary axis.
 [[nodiscard]] constexpr const char* micro(bool rotary) { return rotary ? "urad" : "um"; }
 
-/// A length in um or an angle in urad, with so many significant digits. `value`: m | rad.
+/// A length in um or an angle in urad, with so many significant digits; 1524 um and not 1.52e+03.
+/// `value`: m | rad.
 [[nodiscard]] inline std::string micro_text(double value, bool rotary, int digits = 4) {
   std::array<char, 64> out{};
-  std::snprintf(out.data(), out.size(), "%.*g %s", digits, 1e6 * value, micro(rotary));
+  const double shown = 1e6 * value;
+  const bool whole = std::isfinite(shown) && std::fabs(shown) >= std::pow(10.0, digits) - 0.5;
+  if (whole)
+    std::snprintf(out.data(), out.size(), "%.0f %s", shown, micro(rotary));
+  else
+    std::snprintf(out.data(), out.size(), "%.*g %s", digits, shown, micro(rotary));
   return out.data();
 }
 

@@ -220,8 +220,8 @@ class StructureChoice {
     const auto moves = [](const Segment& s) { return (s.command != s.command(0)).any(); };
     if (std::none_of(fitted_.begin(), fitted_.end(), moves))
       throw std::runtime_error(message(
-          name, ": the command rests until ",
-          fitted_.empty() ? training.front().start_s : fitted_.back().end_s(),
+          name, ": the command rests for the first ",
+          fitted_.empty() ? 0.0 : fitted_.back().end_s() - training.front().start_s,
           " s, which is all that a structure can be fitted to: select a part that begins with "
           "motion (--from), or record a longer one"));
     validated_ = with_lead_in(validated_, training);

@@ -270,7 +270,7 @@ TEST(Identify, ARecordingThatRestsWhereItIsFittedIsRefused) {
     options.method = method;
     options.training_share = 0.6;
     expect_error<std::runtime_error>([&] { (void)identify(axis, options); },
-                                     {"the command rests until", "--from"});
+                                     {"the command rests for the first", "--from"});
   }
 }
 
