@@ -7,6 +7,7 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "drivers/known_columns.h"
 #include "drivers/text.h"
 
 namespace servotwin {
@@ -65,6 +66,13 @@ Tagged split_unit(std::string_view text) {
           std::string(trimmed(text.substr(open + 1, text.size() - open - 2)))};
 }
 
+std::string lower_case(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(), [](char c) {
+    return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  });
+  return text;
+}
+
 // "X.command": the axis may have points in its name, the channel has none.
 struct AxisChannel {
   std::string axis;
@@ -108,7 +116,7 @@ Unit unit_of(const std::string& where, const std::string& written,
              const std::optional<std::string>& text) {
   if (!text) {
     throw Error(where + "column " + in_quotes(written) + " has no unit: write " + written +
-                "[unit] with one of " + std::string(kKnownUnits));
+                "[unit] with one of " + std::string(kKnownUnits) + ", in the file or in --columns");
   }
   const auto unit = parse_unit(*text);
   if (!unit) {
@@ -230,14 +238,18 @@ std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const
   return wanted;
 }
 
+bool is_channel(const std::string& name) {
+  const auto split = split_channel(split_unit(name).name);
+  return split && find_channel(split->channel) != nullptr;
+}
+
 std::vector<Wanted> wanted_by_header(const std::string& source, std::span<const std::string> names,
                                      std::vector<bool>& used) {
   std::vector<Wanted> wanted;
   const std::string where = source + ": ";
   for (std::size_t i = 0; i < names.size(); ++i) {
     const Tagged column = split_unit(names[i]);
-    const auto split = split_channel(column.name);
-    if (column.name != "time" && (!split || find_channel(split->channel) == nullptr)) continue;
+    if (column.name != "time" && !is_channel(names[i])) continue;
     used[i] = true;
     for (const Wanted& before : wanted) {
       if (before.name == column.name) {
@@ -271,32 +283,42 @@ void note_ignored(std::span<const std::string> names, const std::vector<bool>& u
   if (!ignored.empty()) notes.push_back("ignored columns: " + ignored);
 }
 
-// The time column of a foreign file that is not named in `columns`: t, time, t_s, time_ms, time[s]
-// and the like.
+// The unit of a column if it is a time by its name: t, time, t_s, time_ms, time[s] and the like;
+// `bare`: it has none.
+struct TimeName {
+  Unit unit;
+  bool bare = false;
+};
+
+std::optional<TimeName> time_by_name(const std::string& name) {
+  Tagged column = split_unit(name);
+  column.name = lower_case(column.name);
+  const std::size_t underscore = column.name.rfind('_');
+  if (!column.unit && underscore != std::string::npos) {
+    column = {column.name.substr(0, underscore), column.name.substr(underscore + 1)};
+  }
+  const bool called_so = column.name == "t" || column.name == "time" || column.name == "zeit";
+  if (!called_so && (column.name != "timestamp" || !column.unit)) return std::nullopt;
+  const auto unit = parse_unit(column.unit.value_or("s"));
+  if (!unit || unit->quantity != Quantity::kTime) return std::nullopt;
+  return TimeName{*unit, !column.unit};
+}
+
+// The time column of a foreign file that is not named in `columns`.
 std::optional<Wanted> find_time(const std::string& source, std::span<const std::string> names,
                                 std::vector<std::string>& notes) {
   std::optional<Wanted> found;
   for (std::size_t i = 0; i < names.size(); ++i) {
-    Tagged column = split_unit(names[i]);
-    std::transform(column.name.begin(), column.name.end(), column.name.begin(), [](char c) {
-      return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    });
-    const std::size_t underscore = column.name.rfind('_');
-    if (!column.unit && underscore != std::string::npos) {
-      column = {column.name.substr(0, underscore), column.name.substr(underscore + 1)};
-    }
-    const bool bare = column.name == "t" || column.name == "time" || column.name == "zeit";
-    if (!bare && (column.name != "timestamp" || !column.unit)) continue;
-    const auto unit = parse_unit(column.unit.value_or("s"));
-    if (!unit || unit->quantity != Quantity::kTime) continue;
+    const std::optional<TimeName> time = time_by_name(names[i]);
+    if (!time) continue;
     if (found) {
       throw std::runtime_error(
           source + ": columns " + in_quotes(names[found->index]) + " and " + in_quotes(names[i]) +
           " could both be the time: name it with time=" + names[i] + "[s] in --columns");
     }
-    found = Wanted{"time", *unit, i};
+    found = Wanted{"time", time->unit, i};
     notes.push_back("time is column " + in_quotes(names[i]) +
-                    (column.unit ? "" : ", read as seconds (it has no unit)"));
+                    (time->bare ? ", read as seconds (it has no unit)" : ""));
   }
   return found;
 }
@@ -304,70 +326,89 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
 /// What a channel may be called by other programs, in lower case; no part is empty.
 struct LikelyNames {
   const char* channel;
-  std::array<std::string_view, 11> parts;
+  std::array<std::string_view, 13> parts;
 };
 constexpr std::array kLikely{
     LikelyNames{"X.command",
-                {"command", "cmd", "soll", "setpos", "setpoint", "set_pos", "des_pos", "demand",
-                 "target", "reference", "cmdpos"}},
+                {"command", "cmd", "soll", "setpos", "setpoint", "set_pos", "des_pos", "pos_des",
+                 "posdes", "demand", "target", "reference", "cmdpos"}},
     LikelyNames{"X.actual",
-                {"actual", "actpos", "act_pos", "lageist", "s ist", "enc_pos", "encoder",
-                 "feedback", "fb", "measured", "measpos"}},
+                {"actual", "actpos", "act_pos", "pos_act", "posact", "xact", "lageist", "s ist",
+                 "enc_pos", "encoder", "feedback", "fb", "meas"}},
     LikelyNames{"X.torque",
                 {"torque", "moment", "force", "kraft", "current", "strom", "i ist", "iq", "effort",
-                 "load", "actcurr"}},
+                 "load", "actcurr", "toract", "tor_act"}},
 };
 /// Parts of names of other quantities.
-constexpr std::array<std::string_view, 8> kNoPosition{"vel",    "speed", "geschw", "acc",
-                                                      "v soll", "v ist", "v_soll", "v_ist"};
+constexpr std::array<std::string_view, 9> kNoPosition{"vel",   "speed",  "geschw", "acc", "v soll",
+                                                      "v ist", "v_soll", "v_ist",  "err"};
+
+/// "A" of iq_A: a unit that the name ends with.
+std::optional<std::string> unit_in_name(const std::string& name) {
+  const std::size_t underscore = name.rfind('_');
+  if (underscore == std::string::npos || !parse_unit(name.substr(underscore + 1)))
+    return std::nullopt;
+  return name.substr(underscore + 1);
+}
 
 /// "X.command=Sollwert[mm],X.actual=Istwert[mm]", guessed from the names of the columns; empty
 /// where no command is among them. A unit that the file does not have is left as [unit].
 std::string proposal_for(std::span<const std::string> names) {
   std::string out;
   std::vector<bool> used(names.size());
-  for (const LikelyNames& likely : kLikely) {
+  const auto offer = [&](const LikelyNames& likely, std::span<const std::string_view> parts) {
+    const bool torque = &likely == &kLikely.back();
     for (std::size_t i = 0; i < names.size(); ++i) {
       const Tagged column = split_unit(names[i]);
-      std::string name = column.name;
-      std::transform(name.begin(), name.end(), name.begin(), [](char c) {
-        return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-      });
+      const std::string name = lower_case(column.name);
       const auto has = [&](std::string_view part) { return name.find(part) != name.npos; };
-      const std::optional<Unit> unit =
-          column.unit ? parse_unit(*column.unit) : std::optional<Unit>();
-      const bool torque = &likely == &kLikely.back();
+      const std::optional<std::string> written =
+          column.unit ? column.unit : unit_in_name(column.name);
+      const std::optional<Unit> unit = written ? parse_unit(*written) : std::nullopt;
       if (unit &&
           (torque ? unit->quantity != Quantity::kTorque
                   : unit->quantity != Quantity::kLength && unit->quantity != Quantity::kAngle))
         continue;
       if (torque && has("pos")) continue;
-      if (used[i] || std::none_of(likely.parts.begin(), likely.parts.end(), has) ||
+      if (used[i] || std::none_of(parts.begin(), parts.end(), has) ||
           std::any_of(kNoPosition.begin(), kNoPosition.end(), has))
         continue;
       used[i] = true;
       out += (out.empty() ? "" : ",") + std::string(likely.channel) + "=" + column.name + "[" +
-             (unit ? *column.unit : "unit") + "]";
-      break;
+             (unit ? *written : "unit") + "]";
+      return true;
     }
-    if (out.empty()) return {};  // there is no command
-  }
+    return false;
+  };
+  constexpr std::array<std::string_view, 1> kAnyPosition{"pos"};
+  if (!offer(kLikely[0], kLikely[0].parts)) return {};
+  // What is the position and not the command is the encoder.
+  if (!offer(kLikely[1], kLikely[1].parts)) offer(kLikely[1], kAnyPosition);
+  offer(kLikely[2], kLikely[2].parts);
   return out;
 }
 
 [[noreturn]] void throw_foreign(const std::string& source, std::span<const std::string> names) {
   const std::string proposal = proposal_for(names);
+  const bool timed = std::any_of(names.begin(), names.end(),
+                                 [](const std::string& name) { return time_by_name(name); });
+  const bool numbered = !names.empty() && names.front() == "1";
+  std::string guess = "X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]\"";
+  if (!proposal.empty()) {
+    guess = proposal + "\" (a guess" +
+            (proposal.find("[unit]") == std::string::npos ? ""
+                                                          : "; replace [unit] by mm, deg, Nm, ..") +
+            (lower_case(proposal).find("count") == std::string::npos
+                 ? ""
+                 : ", for counts by rev/8192 or mm/1000") +
+            ")" + (timed ? "" : ", with time=NAME[s] if needed");
+  }
   throw std::runtime_error(
       source +
       ": no column is named AXIS.channel[unit], such as X.command[mm]; if this is another " +
-      "program's recording, assign its columns to channels: --columns \"" +
-      (proposal.empty() ? "X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]"
-                        : proposal + "\" (a guess" +
-                              (proposal.find("[unit]") == std::string::npos
-                                   ? ""
-                                   : "; replace [unit] by mm, deg, Nm, ..") +
-                              "), with time=NAME[s] if needed") +
-      (proposal.empty() ? "\"" : "") + ". The file has: " + listed(named(names)));
+      "program's recording, assign its columns to channels: --columns \"" + guess +
+      ". The file has" + (numbered ? " no names, so the columns are called" : "") + ": " +
+      listed(named(names)));
 }
 
 void add_column(const std::string& source, const Wanted& wanted, Layout& layout) {
@@ -433,15 +474,22 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
                const ReadOptions& options, std::optional<double> rate_hz,
                std::span<const std::string> unclear_rates) {
   Layout layout;
-  const bool mapped = !options.columns.empty();
+  std::string columns = options.columns;
+  if (columns.empty()) {
+    if (auto known = known_columns(names)) {
+      columns = std::move(known->columns);
+      layout.notes.push_back(known->note + ": read as --columns \"" + columns + "\"");
+    }
+  }
+  const bool mapped = !columns.empty();
+  // Before its time is asked for a unit.
+  if (!mapped && std::none_of(names.begin(), names.end(), is_channel)) throw_foreign(source, names);
   std::vector<bool> used(names.size());
-  std::vector<Wanted> wanted = mapped ? wanted_by_mapping(source, names, options.columns, used)
+  std::vector<Wanted> wanted = mapped ? wanted_by_mapping(source, names, columns, used)
                                       : wanted_by_header(source, names, used);
   const auto is_time = [](const Wanted& w) { return w.name == "time"; };
-  if (std::all_of(wanted.begin(), wanted.end(), is_time)) {
-    if (mapped) throw std::invalid_argument("--columns: names no channel of an axis");
-    throw_foreign(source, names);
-  }
+  if (std::all_of(wanted.begin(), wanted.end(), is_time))
+    throw std::invalid_argument("--columns: names no channel of an axis");
   if (mapped && std::none_of(wanted.begin(), wanted.end(), is_time)) {
     if (auto time = find_time(source, names, layout.notes)) {
       used[time->index] = true;

@@ -181,6 +181,15 @@ TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
   refuses("Time,Position Command,Position Actual\n0,0,0\n",
           {"X.command=Position Command[unit],X.actual=Position Actual[unit]"});
   refuses("t,speed command\n0,0\n", {"X.command=NAME[unit]"});
+  refuses("t_s,pos_cmd_m,pos_meas_m,iq_A\n0,0,0,0\n",
+          {"\"X.command=pos_cmd_m[m],X.actual=pos_meas_m[m],X.torque=iq_A[A]\" (a guess). The"});
+  refuses("t,torDes,posDes,posErr,posAct,torAct\n0,0,0,0,0,0\n",
+          {"X.command=posDes[unit],X.actual=posAct[unit],X.torque=torAct[unit]"});
+  // What is the position and not the command.
+  refuses("n,pos_cmd_counts,pos_counts\n0,0,0\n",
+          {"X.command=pos_cmd_counts[unit],X.actual=pos_counts[unit]",
+           "for counts by rev/8192 or mm/1000), with time=NAME[s]"});
+  refuses("0 1.5 2.5\n1 1.5 2.5\n", {"The file has no names, so the columns are called: 1, 2, 3"});
 }
 
 TEST_F(ForeignTable, ATableNamedLogIsRead) {
