@@ -150,7 +150,7 @@ TEST_F(StepsTest, FastMotionThenSlowReversalsThenStandstillEachGetTheirStep) {
   reverse_slowly(later, 8.0);
   const vm::AxisRecord record = vm::record(machine(), later);
   const Eigen::ArrayXd truth = record.command - record.true_position;
-  const Segment unseen{0.0, kCycle_s, record.command, record.actual, {}, {}, false, {}};
+  const Segment unseen{0.0, kCycle_s, record.command, record.actual, {}, {}, {}, false, {}};
   const auto left = [&](const Model& model) {
     return std::sqrt((truth - simulate(model, unseen)).square().mean());
   };
@@ -193,7 +193,7 @@ TEST_F(StepsTest, FrictionIsSoughtInTheStructureOfTheModelInForce) {
   SegmentedAxis axis;
   axis.axis = "X";
   axis.sample_time_s = kCycle_s;
-  axis.segments = {{0.0, kCycle_s, before.command, before.actual, {}, {}, false, {}}};
+  axis.segments = {{0.0, kCycle_s, before.command, before.actual, {}, {}, {}, false, {}}};
   const Model model = identify(axis, third).record.model;
   ASSERT_EQ(model.loop.order, 3);
   config_.min_improvement = 0.9;  // nothing is that much better, so that it stays in force
