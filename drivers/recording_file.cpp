@@ -60,6 +60,7 @@ std::string look_of(std::string_view start) {
   if (const ForeignFormat* foreign = foreign_format(start))
     return std::string("a ") + foreign->name + ", which is not read; " + foreign->advice;
   if (is_binary(start)) return "a binary file of another kind";
+  if (is_utf16(start)) return "text in UTF-16";
   return "text that begins with " + in_quotes(start.substr(0, start.find_first_of("\r\n")));
 }
 

@@ -74,6 +74,7 @@ TEST_F(NamedFormat, AFileOfAnotherFormatIsRefusedByItsReader) {
     refuses(kRows, format,
             {"--format", format, "this is no such file",
              "looks like text that begins with 'time[s],X.command[mm]'"});
+  refuses(std::string_view("\xff\xfet\0", 4), "mcap", {"looks like text in UTF-16"});
   refuses("{\"Header\": 1", "sinumerik-capture", {"SINUMERIK capture cannot be read"});
   refuses("<traceSession", "sinumerik-trace", {"SINUMERIK trace cannot be read"});
   refuses("(1.0) can0 181#00\n", "matlab", {"no such file", "'candump -l', --format candump"});

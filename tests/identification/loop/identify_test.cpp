@@ -265,6 +265,7 @@ TEST(Identify, ARecordingThatRestsWhereItIsFittedIsRefused) {
   const Eigen::Index rest = s.size() / 2;
   s.command.head(rest).setConstant(s.command(rest));
   s.actual.head(rest).setConstant(s.actual(rest));
+  s.start_s = 50'000.0;  // a time of day
   for (const Method method : {Method::kPoleSearch, Method::kJoint}) {
     IdentifyOptions options;
     options.method = method;
