@@ -353,11 +353,17 @@ std::optional<std::string> unit_in_name(const std::string& name) {
 
 /// "X.command=Sollwert[mm],X.actual=Istwert[mm]", guessed from the names of the columns; empty
 /// where no command is among them. A unit that the file does not have is left as [unit].
-std::string proposal_for(std::span<const std::string> names) {
-  std::string out;
+struct Proposal {
+  std::string columns;
+  bool clear = true;  ///< one command, one encoder, and each with a unit
+};
+Proposal proposal_for(std::span<const std::string> names) {
+  Proposal proposal;
+  std::string& out = proposal.columns;
   std::vector<bool> used(names.size());
   const auto offer = [&](const LikelyNames& likely, std::span<const std::string_view> parts) {
     const bool torque = &likely == &kLikely.back();
+    bool offered = false;
     for (std::size_t i = 0; i < names.size(); ++i) {
       const Tagged column = split_unit(names[i]);
       const std::string name = lower_case(column.name);
@@ -373,23 +379,30 @@ std::string proposal_for(std::span<const std::string> names) {
       if (used[i] || std::none_of(parts.begin(), parts.end(), has) ||
           std::any_of(kNoPosition.begin(), kNoPosition.end(), has))
         continue;
-      used[i] = true;
+      if (offered) {
+        proposal.clear = proposal.clear && torque;
+        continue;
+      }
+      offered = used[i] = true;
+      proposal.clear = proposal.clear && unit;
       out += (out.empty() ? "" : ",") + std::string(likely.channel) + "=" + column.name + "[" +
              (unit ? *written : "unit") + "]";
-      return true;
     }
-    return false;
+    return offered;
   };
   constexpr std::array<std::string_view, 1> kAnyPosition{"pos"};
   if (!offer(kLikely[0], kLikely[0].parts)) return {};
   // What is the position and not the command is the encoder.
-  if (!offer(kLikely[1], kLikely[1].parts)) offer(kLikely[1], kAnyPosition);
+  if (!offer(kLikely[1], kLikely[1].parts)) {
+    proposal.clear = false;
+    offer(kLikely[1], kAnyPosition);
+  }
   offer(kLikely[2], kLikely[2].parts);
-  return out;
+  return proposal;
 }
 
 [[noreturn]] void throw_foreign(const std::string& source, std::span<const std::string> names) {
-  const std::string proposal = proposal_for(names);
+  const std::string proposal = proposal_for(names).columns;
   const bool timed = std::any_of(names.begin(), names.end(),
                                  [](const std::string& name) { return time_by_name(name); });
   const bool numbered = !names.empty() && names.front() == "1";
@@ -479,6 +492,12 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
     if (auto known = known_columns(names)) {
       columns = std::move(known->columns);
       layout.notes.push_back(known->note + ": read as --columns \"" + columns + "\"");
+    }
+  }
+  if (columns.empty() && std::none_of(names.begin(), names.end(), is_channel)) {
+    if (Proposal proposal = proposal_for(names); proposal.clear && !proposal.columns.empty()) {
+      columns = std::move(proposal.columns);
+      layout.notes.push_back("by the names of its columns: read as --columns \"" + columns + "\"");
     }
   }
   const bool mapped = !columns.empty();

@@ -174,15 +174,30 @@ TEST_F(ForeignTable, NamesThatAreLatin1AndTextThatIsUtf16) {
   }
 }
 
+TEST_F(ForeignTable, OneCommandAndOneEncoderWithUnitsAreReadByTheirNames) {
+  const Recording german = read(
+      "Zeit [ms];v_Sollwert;Lagesollwert [mm];Lageistwert [mm];Drehmoment [Nm]\n1;9;2,5;2,4;0,3\n");
+  EXPECT_EQ(german.time, (vector<double>{0.001}));
+  ASSERT_EQ(german.axes.size(), 1U);
+  EXPECT_EQ(german.axes[0].command, (vector<double>{0.0025}));
+  EXPECT_EQ(german.axes[0].actual, (vector<double>{0.0024}));
+  EXPECT_EQ(german.axes[0].torque, (vector<double>{0.3}));
+  EXPECT_NE(notes(german).find("read as --columns \"X.command=Lagesollwert[mm],X.actual=Lageistwert"
+                               "[mm],X.torque=Drehmoment[Nm]\""),
+            std::string::npos)
+      << notes(german);
+  const Recording named = read("t_s,pos_cmd_m,pos_meas_m,iq_A\n0,0.5,0.25,2\n");
+  EXPECT_EQ(named.axes[0].command, (vector<double>{0.5}));
+  EXPECT_EQ(named.axes[0].actual, (vector<double>{0.25}));
+}
+
 TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
-  refuses("Zeit [ms];v_Sollwert;Lagesollwert [mm];Lageistwert [mm];Drehmoment [Nm]\n0;0;0;0;0\n",
-          {"--columns \"X.command=Lagesollwert[mm],X.actual=Lageistwert[mm],X.torque=Drehmoment[Nm]"
-           "\" (a guess)"});
+  // Two axes: which one is meant is not clear.
+  refuses("Zeit [ms];Lagesollwert 1 [mm];Lagesollwert 2 [mm];Lageistwert 1 [mm]\n0;0;0;0\n",
+          {"--columns \"X.command=Lagesollwert 1[mm],X.actual=Lageistwert 1[mm]\" (a guess)"});
   refuses("Time,Position Command,Position Actual\n0,0,0\n",
           {"X.command=Position Command[unit],X.actual=Position Actual[unit]"});
   refuses("t,speed command\n0,0\n", {"X.command=NAME[unit]"});
-  refuses("t_s,pos_cmd_m,pos_meas_m,iq_A\n0,0,0,0\n",
-          {"\"X.command=pos_cmd_m[m],X.actual=pos_meas_m[m],X.torque=iq_A[A]\" (a guess). The"});
   refuses("t,torDes,posDes,posErr,posAct,torAct\n0,0,0,0,0,0\n",
           {"X.command=posDes[unit],X.actual=posAct[unit],X.torque=torAct[unit]"});
   // What is the position and not the command.
