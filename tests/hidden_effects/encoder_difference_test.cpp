@@ -21,7 +21,7 @@ using testing::Contains;
 using testing::HasSubstr;
 using testing::Not;
 
-constexpr virtual_machine::Limits kBrisk{.velocity = 0.2, .acceleration = 3.0, .jerk = 100.0};
+constexpr virtual_machine::Limits kBriskDrive{.velocity = 0.2, .acceleration = 3.0, .jerk = 100.0};
 constexpr virtual_machine::Limits kSlow{.velocity = 0.05, .acceleration = 1.0, .jerk = 40.0};
 
 /// 100 kg, of which 60 kg are behind contact or spring, with 20 N of friction: 0.33 m/s^2.
@@ -39,17 +39,17 @@ virtual_machine::Trajectory path() {
   virtual_machine::Trajectory out(0.0);
   for (int i = 0; i < 6; ++i) {
     out.dwell(0.2);
-    out.move_to(0.04 * (1 + i % 3), kBrisk);
+    out.move_to(0.04 * (1 + i % 3), kBriskDrive);
     out.dwell(0.1);
     out.move_to(0.02, kSlow);
-    out.move_to(-0.01 * (1 + i % 2), kBrisk);
+    out.move_to(-0.01 * (1 + i % 2), kBriskDrive);
   }
   out.dwell(0.2);
   return out;
 }
 
 /// Both encoders with noise and a step of 0.1 um each.
-SegmentedAxis recorded(const Rig& rig, double step = 1e-7) {
+SegmentedAxis recorded_by_both(const Rig& rig, double step = 1e-7) {
   const Trace trace = simulate(rig, path());
   std::mt19937_64 random(3);
   std::normal_distribution<double> noise(0.0, 0.3 * step);
@@ -98,7 +98,7 @@ class AGapBetweenTheEncoders : public testing::TestWithParam<double> {};
 TEST_P(AGapBetweenTheEncoders, IsPlayOfItsWidth) {
   Rig rig = machine();
   rig.body.gap = GetParam();
-  const EncoderDifference d = found(recorded(rig));
+  const EncoderDifference d = found(recorded_by_both(rig));
   expect_term(d.play(), GetParam(), kTenthOfAStep);
   EXPECT_LT(d.left_rms, 2.0 * kTenthOfAStep);
   EXPECT_THAT(encoders_beside(d, "backlash"), HasSubstr("there is play of"));
@@ -109,7 +109,7 @@ INSTANTIATE_TEST_SUITE_P(Dev, AGapBetweenTheEncoders, testing::Values(2e-6, 12e-
 TEST(EncoderDifference, ShowsASpringWhichFrictionWindsUpWithoutPlay) {
   Rig rig = machine();
   rig.body.spring_frequency_hz = 40.0;
-  const EncoderDifference d = found(recorded(rig));
+  const EncoderDifference d = found(recorded_by_both(rig));
   expect_term(d.compliance, compliance(40.0), 0.002 * compliance(40.0));
   expect_term(d.reversal, 2.0 * 20.0 / 60.0 * compliance(40.0), 5.0 * kTenthOfAStep);
   EXPECT_FALSE(d.play().shown);
@@ -126,7 +126,7 @@ TEST(EncoderDifference, TellsPlayFromASpringWithFrictionAndDrag) {
   rig.body.spring_frequency_hz = 60.0;
   rig.body.gap = 30e-6;
   rig.friction.viscous = 100.0;
-  const EncoderDifference d = found(recorded(rig));
+  const EncoderDifference d = found(recorded_by_both(rig));
   expect_term(d.play(), 30e-6, 2.0 * kTenthOfAStep);
   expect_term(d.compliance, compliance(60.0), 0.002 * compliance(60.0));
   expect_term(d.delay, 50.0 / 60.0 * compliance(60.0), 1e-7);
@@ -138,7 +138,7 @@ TEST(EncoderDifference, ShowsPlayThatFrictionKeepsClosed) {
   Rig rig = machine();
   rig.body.gap = 12e-6;
   rig.friction.level = 300.0;
-  const EncoderDifference d = found(recorded(rig));
+  const EncoderDifference d = found(recorded_by_both(rig));
   expect_term(d.play(), 12e-6 + 2.0 * 300.0 / 60.0 * compliance(400.0), 5.0 * kTenthOfAStep);
 }
 
@@ -147,7 +147,7 @@ TEST(EncoderDifference, LeavesPlayAndFrictionUndecidedWhereTheLoadNeverChangesSi
   Rig rig = machine();
   rig.body.spring_frequency_hz = 40.0;
   rig.friction.level = 250.0;
-  const EncoderDifference d = found(recorded(rig));
+  const EncoderDifference d = found(recorded_by_both(rig));
   EXPECT_TRUE(d.undecided());
   EXPECT_FALSE(d.play().shown);
   expect_term(d.reversal, 2.0 * 250.0 / 60.0 * compliance(40.0), 1e-6);
@@ -159,7 +159,7 @@ TEST(EncoderDifference, ShowsNothingInNoiseAndSteps) {
   Rig rig = machine();
   rig.body.spring_frequency_hz = 0.0;
   for (const double step : {1e-7, 2e-6}) {
-    const EncoderDifference d = found(recorded(rig, step));
+    const EncoderDifference d = found(recorded_by_both(rig, step));
     for (const auto* term : {&d.reversal, &d.other_side, &d.compliance, &d.delay, &d.scale})
       EXPECT_FALSE(term->shown) << step << ' ' << plain_text(d);
     EXPECT_THAT(plain_text(d), HasSubstr("The two encoders agree to"));
@@ -173,7 +173,7 @@ TEST(EncoderDifference, ShowsNothingInNoiseAndSteps) {
 TEST(EncoderDifference, ShowsNothingThatOtherMovesContradict) {
   Rig rig = machine();
   rig.body.spring_frequency_hz = 0.0;
-  SegmentedAxis axis = recorded(rig);
+  SegmentedAxis axis = recorded_by_both(rig);
   Eigen::ArrayXd& motor = axis.segments[0].actual_motor;
   std::mt19937_64 random(5);
   std::normal_distribution<double> slip(0.0, 3e-6);
@@ -193,7 +193,7 @@ TEST(EncoderDifference, ShowsAPitchErrorAsASlope) {
   rig.body.spring_frequency_hz = 0.0;
   rig.reading.recorded = Encoder::kLoad;
   rig.reading.lead_slope = 200e-6;
-  const EncoderDifference d = found(recorded(rig));
+  const EncoderDifference d = found(recorded_by_both(rig));
   expect_term(d.scale, 200e-6 / 1.0002, 0.2e-6);
   EXPECT_FALSE(d.reversal.shown || d.compliance.shown || d.delay.shown);
   EXPECT_THAT(plain_text(d), HasSubstr("pitch error or scale of"));
@@ -202,7 +202,7 @@ TEST(EncoderDifference, ShowsAPitchErrorAsASlope) {
 TEST(EncoderDifference, AsksWhetherTheEncodersAreExchanged) {
   Rig rig = machine();
   rig.body.gap = 12e-6;
-  SegmentedAxis axis = recorded(rig);
+  SegmentedAxis axis = recorded_by_both(rig);
   std::swap(axis.segments[0].actual, axis.segments[0].actual_motor);
   const EncoderDifference d = found(axis);
   EXPECT_FALSE(d.play().shown);
@@ -210,7 +210,7 @@ TEST(EncoderDifference, AsksWhetherTheEncodersAreExchanged) {
 }
 
 TEST(EncoderDifference, JudgesNoFewMoves) {
-  SegmentedAxis axis = recorded(machine());
+  SegmentedAxis axis = recorded_by_both(machine());
   axis.segments = cut(axis.segments, 0.0, 3.0);
   EXPECT_THAT(plain_text(found(axis)), HasSubstr("why is judged from 6 moves on"));
   axis.segments[0].actual_motor.resize(0);
@@ -223,7 +223,7 @@ TEST(EncoderDifference, JudgesNoFewMoves) {
 TEST(EncoderDifference, IsFoundInARecordingOfARotaryAxisThatGoesRound) {
   Rig rig = machine();
   rig.body.gap = 50e-6;
-  const Segment exact = recorded(rig).segments[0];
+  const Segment exact = recorded_by_both(rig).segments[0];
   const auto degrees = [](double x) {
     const double turns = (x + 6.25) / (2.0 * std::numbers::pi);
     return text("%.7f", 360.0 * (turns - std::floor(turns)));
