@@ -49,8 +49,8 @@ std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
   group("Frequency response and feed axes",
         {add_frequency_response(app), add_multivariable(app), add_fit_axis(app), add_what_if(app)});
   group("Path correction", {add_learn(app), add_preview(app)});
-  group("Machine and daemon", {add_replay(app), add_watch(app), add_mqtt(app), add_mtconnect(app), add_ros2(app),
-                               add_put_in_force(app), add_check_config(app)});
+  group("Machine and daemon", {add_replay(app), add_watch(app), add_mqtt(app), add_mtconnect(app),
+                               add_ros2(app), add_put_in_force(app), add_check_config(app)});
   group("This program", {add_help(app), add_version(app), add_completion(app), add_formats(app)});
   group("", {add_manual(app)});
   return commands;
