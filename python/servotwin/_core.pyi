@@ -14,6 +14,7 @@ class Segment:
     time: _Array
     command: _Array
     actual: _Array
+    actual_motor: _Array
     torque: _Array
     def __len__(self) -> int: ...
 
@@ -29,6 +30,7 @@ class Axis:
     time: _Array
     command: _Array
     actual: _Array
+    actual_motor: _Array
     torque: _Array
     def plot(self, *, ax: Any = None) -> Any: ...
 

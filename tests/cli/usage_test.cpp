@@ -45,7 +45,8 @@ const std::vector<Typed> kTyped{
     {{"identify"}, "REC is required"},
     {{"identify", "rec.csv", "--axis", "X", "--fast"}, "there is no option '--fast' (see"},
     {{"identify", "rec.csv", "--save", "x.json"},
-     "no option '--save'; files are written by --model OUT.json, --json OUT (see"},
+     "no option '--save'; files are written by --model OUT.json, --json OUT, "
+     "--plot OUT.svg (see"},
     {{"identify", "rec.csv", "-o", "x.json"}, "files are written by --model OUT.json"},
     {{"history", "--output", "x"}, "there is no option '--output'"},
     {{"identify", "rec.csv", "--axs", "X"}, "no option '--axs'; did you mean '--axis'?"},

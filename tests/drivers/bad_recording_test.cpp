@@ -219,8 +219,8 @@ TEST_F(BadRecording, AValueThatWouldBreakTheLineOfTheMessage) {
 // The options.
 
 TEST_F(BadRecording, ForeignFileWithoutMapping) {
-  refuses("t_s,pos_cmd_m,pos_meas_m\n0,1,2\n",
-          {"AXIS.channel[unit]", "--columns", "t_s, pos_cmd_m, pos_meas_m"});
+  refuses("t_s,pos_cmd,pos_meas\n0,1,2\n",
+          {"AXIS.channel[unit]", "--columns", "t_s, pos_cmd, pos_meas"});
 }
 TEST_F(BadRecording, MappedColumnMissing) {
   refuses("t,qg,qm,vir\n0,1,2,3\n",

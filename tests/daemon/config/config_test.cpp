@@ -39,7 +39,7 @@ TEST(Config, NothingSetIsTheDefaults) {
 TEST(Config, FrictionAndStructureAreNamedAsOnTheCommandLine) {
   const Config config =
       check_config("[identify]\nfriction = 'gms'\nstructure = 'auto'\n", "m.toml").config;
-  EXPECT_EQ(config.identify.options.friction, kind_of<MaxwellSlip>());
+  EXPECT_EQ(config.identify.options.friction, kind_of<Gms>());
   EXPECT_EQ(config.identify.options.masses, Masses::kChosen);
 }
 
