@@ -144,8 +144,8 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
              *unit = micro(path ? false : rotary);
   constexpr double kMinWorth = 0.02;  // of the error: less is not worth a repair
   if (!(then < (1.0 - kMinWorth) * now))
-    return text(" Without it the %s of this motion would stay at %.3g %s RMS.", what, 1e6 * now,
-                unit);
+    return text(" Without it the %s of this motion would stay at %s RMS.", what,
+                micro_text(now, !path && rotary, 3).c_str());
   return text(" Without it the %s of this motion would be %.3g %s RMS instead of %.3g.", what,
               1e6 * then, unit, 1e6 * now);
 }
@@ -174,14 +174,16 @@ std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::str
                                           advice_for(by_torque.front()) + ".";
   switch (diagnosis.verdict) {
     case Verdict::kNothingSignificant:
-      return axis + text(" agrees with its simulation to %.3g %s RMS", before, unit) +
+      return axis +
+             text(" agrees with its simulation to %s RMS",
+                  micro_text(1e-6 * before, diagnosis.baseline.rotary, 3).c_str()) +
              (by_torque.empty() ? ": no cause needs to be looked for." : "." + of_torque);
     case Verdict::kUnexplained:
       return axis +
-             text(" deviates from its simulation in a way that %s: the error is %.3g %s RMS.",
+             text(" deviates from its simulation in a way that %s: the error is %s RMS.",
                   diagnosis.causes.empty() ? "none of the known causes explains"
                                            : "the causes below explain only in part",
-                  before, unit) +
+                  micro_text(1e-6 * before, diagnosis.baseline.rotary, 3).c_str()) +
              (diagnosis.causes.empty() ? of_torque : shown);
     case Verdict::kExplained:
       break;

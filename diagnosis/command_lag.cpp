@@ -30,7 +30,7 @@ std::string lag_text(const CommandLag& lag, bool rotary) {
   if (!std::isfinite(lag.tracking_rms)) return {};
   constexpr double kNearlyAll = 0.9, kMuch = 0.5;
   std::string out =
-      text("The tracking error itself is %.3g %s RMS", 1e6 * lag.tracking_rms, micro(rotary));
+      "The tracking error itself is " + micro_text(lag.tracking_rms, rotary, 3) + " RMS";
   if (!(lag.share >= kMuch && lag.time_s > 0.0)) return out + ".";
   out += text("; %.*f %% of its square is a lag of %.3g ms behind the command",
               lag.share > 0.99 ? 1 : 0, std::min(100.0 * lag.share, 99.9), 1e3 * lag.time_s);

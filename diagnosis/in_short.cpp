@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "diagnosis/cause_words.h"
+#include "diagnosis/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 namespace {
@@ -26,8 +28,17 @@ std::vector<std::string> further_by(const std::optional<TorqueDiagnosis>& torque
 std::vector<std::string> in_short(const Diagnosis& diagnosis,
                                   const std::optional<TorqueDiagnosis>& torque) {
   std::vector<std::string> out{plain_verdict(diagnosis, further_by(torque, diagnosis))};
-  if (std::string lag = lag_text(diagnosis.lag, diagnosis.baseline.rotary); !lag.empty())
-    out.push_back(std::move(lag));
+  const CommandLag& lag = diagnosis.lag;
+  const bool rotary = diagnosis.baseline.rotary;
+  const double delay_s = diagnosis.extended.model.command_delay_s();
+  constexpr double kMost = 0.5;
+  if (lag.share > kMost && delay_s > kMost * lag.time_s) {
+    out.push_back("The tracking error itself is " + micro_text(lag.tracking_rms, rotary, 3) +
+                  text(" RMS; most of it is the delay of %.3g ms between command and encoder.",
+                       1e3 * delay_s));
+  } else if (std::string words = lag_text(lag, rotary); !words.empty()) {
+    out.push_back(std::move(words));
+  }
   return out;
 }
 

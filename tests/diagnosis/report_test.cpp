@@ -11,6 +11,7 @@
 #include "diagnosis/cause_picture.h"
 #include "diagnosis/cause_words.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/in_short.h"
 #include "twin/twin.h"
 #include "twin/two_pi.h"
 
@@ -206,6 +207,19 @@ TEST(Words, SayWhatARepairWouldBring) {
   gain.contour_repaired = 5.99e-6;
   EXPECT_THAT(plain_verdict(one.diagnosis),
               HasSubstr("Without it the contour error of this motion would stay at 6 um RMS."));
+}
+
+TEST(Words, ALagThatIsADelayIsNotThatOfADrive) {
+  Case one = diagnosed("cogging", plain(2), make_effect<Cogging>());
+  one.diagnosis.lag = {1.7523e-3, 8.3e-3, 0.999};
+  EXPECT_THAT(in_short(one.diagnosis, {}).back(),
+              HasSubstr("1752 um RMS; 99.9 % of its square is a lag of 8.3 ms"));
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 8e-3;
+  one.diagnosis.extended.model.effects.push_back(delay);
+  EXPECT_THAT(
+      in_short(one.diagnosis, {}).back(),
+      HasSubstr("1752 um RMS; most of it is the delay of 8 ms between command and encoder."));
 }
 
 TEST(Words, EveryCauseOfTheContractHasAName) {
