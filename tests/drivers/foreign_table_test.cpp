@@ -192,6 +192,8 @@ TEST_F(ForeignTable, OneCommandAndOneEncoderWithUnitsAreReadByTheirNames) {
 }
 
 TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
+  // An encoder only because it is the other position.
+  refuses("t_s,pos_cmd_m,pos_m\n0,0,0\n", {"X.command=pos_cmd_m[m],X.actual=pos_m[m]\" (a guess)"});
   // Two axes: which one is meant is not clear.
   refuses("Zeit [ms];Lagesollwert 1 [mm];Lagesollwert 2 [mm];Lageistwert 1 [mm]\n0;0;0;0\n",
           {"--columns \"X.command=Lagesollwert 1[mm],X.actual=Lageistwert 1[mm]\" (a guess)"});
