@@ -80,7 +80,9 @@ py::object causes_of(const Diagnosed& diagnosed, bool by_loop) {
   for (const nlohmann::json& one : all.at("causes")) {
     const bool in_loop =
         diagnosed.loop && std::any_of(diagnosed.loop->causes.begin(), diagnosed.loop->causes.end(),
-                                      [&](const Cause& cause) { return cause.id == one.at("id"); });
+                                      [&](const Cause& cause) {
+                                        return cause.id == one.at("id").get<std::string>();
+                                      });
     if (in_loop == by_loop) out.push_back(one);
   }
   return object_of(out);
