@@ -1,5 +1,5 @@
-// Listens to a daemon for the programs that pass on what it publishes: to MQTT, to MTConnect, to ROS 2. One
-// thread; errors: std::runtime_error (drivers/dds.h).
+// Listens to a daemon for the programs that pass on what it publishes: to MQTT, to MTConnect, to
+// ROS 2. One thread; errors: std::runtime_error (drivers/dds.h).
 #pragma once
 
 #include <chrono>

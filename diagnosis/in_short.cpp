@@ -31,8 +31,8 @@ std::vector<std::string> in_short(const Diagnosis& diagnosis,
   const CommandLag& lag = diagnosis.lag;
   const bool rotary = diagnosis.baseline.rotary;
   const double delay_s = diagnosis.extended.model.command_delay_s();
-  constexpr double kMost = 0.5;
-  if (lag.share > kMost && delay_s > kMost * lag.time_s) {
+  constexpr double kMainShare = 0.5;  ///< of the squared error, and of the lag: the majority
+  if (lag.share > kMainShare && delay_s > kMainShare * lag.time_s) {
     out.push_back("The tracking error itself is " + micro_text(lag.tracking_rms, rotary, 3) +
                   text(" RMS; most of it is the delay of %.3g ms between command and encoder.",
                        1e3 * delay_s));

@@ -16,6 +16,7 @@ namespace servotwin {
 namespace {
 
 // One host, no multicast, no network needed. Up to 64 participants find each other by their ports.
+// The peer is an address: the name "localhost" is unknown where there is no /etc/hosts.
 constexpr const char* kLoopback = R"(<General>
   <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
   <AllowMulticast>false</AllowMulticast>
@@ -23,7 +24,7 @@ constexpr const char* kLoopback = R"(<General>
 <Discovery>
   <ParticipantIndex>auto</ParticipantIndex>
   <MaxAutoParticipantIndex>63</MaxAutoParticipantIndex>
-  <Peers><Peer address="localhost"/></Peers>
+  <Peers><Peer address="127.0.0.1"/></Peers>
 </Discovery>)";
 
 /// The threads between the socket and the waiting reader: the receiver, the one that delivers what

@@ -145,7 +145,7 @@ struct Parameter {
 }
 inline constexpr double kMachineSpeed = 2.0;  ///< [m/s]: machine tools; linear motors reach more
 /// Of a spindle of 100,000 rpm.
-inline constexpr double kMostLengthScale = 5e3;
+inline constexpr double kLargestLengthScale = 5e3;
 
 /// Bound of a force per moved mass [m/s^2 | rad/s^2]. On a linear axis friction above 10 m/s^2 is
 /// rare, but a small motor that turns by itself has several hundred rad/s^2.

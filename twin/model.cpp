@@ -39,7 +39,7 @@ std::string outside(std::string_view effect, const Parameter& given, double valu
 
 }  // namespace
 
-std::string why_invalid(const Model& model) { return why_invalid(model, kMostLengthScale); }
+std::string why_invalid(const Model& model) { return why_invalid(model, kLargestLengthScale); }
 
 std::string why_invalid(const Model& model, double length_scale) {
   if (!(model.sample_time_s > 0.0))

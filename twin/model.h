@@ -134,7 +134,7 @@ inline constexpr int kMaxDelayCycles = 500;
 /// within the physical bounds of the catalogue, delay within kMaxDelayCycles.
 [[nodiscard]] std::string why_invalid(const Model& model);
 /// With bounds of lengths and velocities that are stretched by this factor (twin/effect.h): 1 on a
-/// linear axis. Without it kMostLengthScale: the model does not tell whether it is rotary.
+/// linear axis. Without it kLargestLengthScale: the model does not tell whether it is rotary.
 [[nodiscard]] std::string why_invalid(const Model& model, double length_scale);
 
 }  // namespace servotwin

@@ -146,7 +146,7 @@ UnitDescription describe(const ModelRecord& record) {
     const auto first =
         static_cast<unsigned>(kFirstReference + kReferencesPerEffect * static_cast<unsigned>(i));
     const auto add_parameter = [&](const Parameter& of_machines, unsigned reference, double value) {
-      const Parameter p = stretched(of_machines, record.rotary ? kMostLengthScale : 1.0);
+      const Parameter p = stretched(of_machines, record.rotary ? kLargestLengthScale : 1.0);
       unit.variables.push_back({name + std::string(p.name), reference, "parameter",
                                 unit_on_axis(p.unit, record.rotary), std::string(p.meaning), value,
                                 p.lower, p.upper});

@@ -196,7 +196,7 @@ FmuUnit make_unit(const ModelRecord& record, const std::vector<std::string>& abo
     files.push_back({std::move(name), std::move(content)});
   }
   Fingerprint fingerprint;
-  const double scale = record.rotary ? kMostLengthScale : 1.0;
+  const double scale = record.rotary ? kLargestLengthScale : 1.0;
   fingerprint.add(model_text(record.model, "", scale));
   fingerprint.add(model_description_xml(unit.description, record, sources));
   for (const PackedFile& file : files) fingerprint.add(file.content);

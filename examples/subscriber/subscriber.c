@@ -20,7 +20,7 @@ static const char* const loopback =
     "<AllowMulticast>false</AllowMulticast></General>"
     "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
     "<MaxAutoParticipantIndex>63</MaxAutoParticipantIndex>"
-    "<Peers><Peer address=\"localhost\"/></Peers></Discovery>";
+    "<Peers><Peer address=\"127.0.0.1\"/></Peers></Discovery>";
 
 static volatile sig_atomic_t asked_to_stop = 0;
 

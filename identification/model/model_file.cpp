@@ -400,7 +400,7 @@ ModelRecord model_from_json(const json& j) {
     model.effects.push_back(effect);
     record.effect_deviations.push_back(sd);
   }
-  if (auto why = why_invalid(model, record.rotary ? kMostLengthScale : 1.0); !why.empty())
+  if (auto why = why_invalid(model, record.rotary ? kLargestLengthScale : 1.0); !why.empty())
     throw std::runtime_error("model file: " + why);
 
   // What the file says twice must agree, or a hand has changed one of the two.

@@ -55,7 +55,7 @@ LOOPBACK = """<CycloneDDS><Domain id="any">
 <Discovery>
   <ParticipantIndex>auto</ParticipantIndex>
   <MaxAutoParticipantIndex>63</MaxAutoParticipantIndex>
-  <Peers><Peer address="localhost"/></Peers>
+  <Peers><Peer address="127.0.0.1"/></Peers>
 </Discovery>
 </Domain></CycloneDDS>"""
 

@@ -112,7 +112,7 @@ TEST(FastRotaryAxis, HasTheModelOfTheLinearOneInItsUnit) {
   EXPECT_NEAR(friction.shape[1], 0.7, 0.005);
   EXPECT_NEAR(friction.coefficient[0], kPerMetre * 0.286, kPerMetre * 0.2e-3);
   // Such a model is valid on a rotary axis only.
-  EXPECT_EQ(why_invalid(found->model, kMostLengthScale), "");
+  EXPECT_EQ(why_invalid(found->model, kLargestLengthScale), "");
   EXPECT_NE(why_invalid(found->model, 1.0).find("breakaway_displacement"), std::string::npos);
 }
 
