@@ -7,6 +7,8 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "drivers/column_guess.h"
+#include "drivers/column_name.h"
 #include "drivers/known_columns.h"
 #include "drivers/text.h"
 
@@ -42,35 +44,6 @@ std::vector<std::string> channel_names() {
   std::vector<std::string> names;
   for (const KnownChannel& channel : kChannels) names.emplace_back(channel.name);
   return names;
-}
-
-// "NAME[unit]": the unit is in the last pair of brackets; a name may have brackets of its own.
-struct Tagged {
-  std::string name;
-  std::optional<std::string> unit;
-};
-
-Tagged split_unit(std::string_view text) {
-  text = trimmed(text);
-  // "NAME (unit)", where that is a unit.
-  if (const std::size_t open = text.rfind('(');
-      open != std::string_view::npos && open > 0 && text.back() == ')') {
-    const std::string_view unit = trimmed(text.substr(open + 1, text.size() - open - 2));
-    if (parse_unit(unit)) return {std::string(trimmed(text.substr(0, open))), std::string(unit)};
-  }
-  const std::size_t open = text.rfind('[');
-  if (open == std::string_view::npos || text.empty() || text.back() != ']') {
-    return {std::string(text), std::nullopt};
-  }
-  return {std::string(trimmed(text.substr(0, open))),
-          std::string(trimmed(text.substr(open + 1, text.size() - open - 2)))};
-}
-
-std::string lower_case(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](char c) {
-    return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  });
-  return text;
 }
 
 // "X.command": the axis may have points in its name, the channel has none.
@@ -157,7 +130,7 @@ std::vector<Mapping> parse_mapping(const std::string& text) {
       throw std::invalid_argument(where + in_quotes(part) +
                                   " is not of the form X.command=NAME[unit] or time=NAME[s]");
     }
-    const Tagged theirs = split_unit(std::string_view(part).substr(equals + 1));
+    const ColumnName theirs = column_name(std::string_view(part).substr(equals + 1));
     if (theirs.name.empty()) {
       throw std::invalid_argument(where + in_quotes(part) + " names no column after '='");
     }
@@ -211,7 +184,7 @@ std::optional<std::size_t> find_column(const std::string& source, const std::str
     return static_cast<std::size_t>(found - names.begin());
   };
   const auto exact = find([&](const std::string& n) { return n == name; });
-  return exact ? exact : find([&](const std::string& n) { return split_unit(n).name == name; });
+  return exact ? exact : find([&](const std::string& n) { return column_name(n).name == name; });
 }
 
 std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const std::string> names,
@@ -229,7 +202,7 @@ std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const
     if (!mapping.unit) {
       const std::string where = "--columns: ";
       mapping.wanted.unit =
-          unit_of<std::invalid_argument>(where, mapping.written, split_unit(names[*index]).unit);
+          unit_of<std::invalid_argument>(where, mapping.written, column_name(names[*index]).unit);
       require_quantity<std::invalid_argument>(where, mapping.wanted);
     }
     used[*index] = true;
@@ -239,7 +212,7 @@ std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const
 }
 
 bool is_channel(const std::string& name) {
-  const auto split = split_channel(split_unit(name).name);
+  const auto split = split_channel(column_name(name).name);
   return split && find_channel(split->channel) != nullptr;
 }
 
@@ -248,7 +221,7 @@ std::vector<Wanted> wanted_by_header(const std::string& source, std::span<const 
   std::vector<Wanted> wanted;
   const std::string where = source + ": ";
   for (std::size_t i = 0; i < names.size(); ++i) {
-    const Tagged column = split_unit(names[i]);
+    const ColumnName column = column_name(names[i]);
     if (column.name != "time" && !is_channel(names[i])) continue;
     used[i] = true;
     for (const Wanted& before : wanted) {
@@ -274,34 +247,13 @@ void note_ignored(std::span<const std::string> names, const std::vector<bool>& u
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (used[i] || names[i].empty()) continue;
     ignored += (ignored.empty() ? "" : ", ") + names[i];
-    const auto split = split_channel(split_unit(names[i]).name);
+    const auto split = split_channel(column_name(names[i]).name);
     const std::string nearest = split ? nearest_name(split->channel, known) : std::string();
     if (!nearest.empty() && nearest != split->channel) {
       ignored += " (not " + split->axis + "." + nearest + "?)";
     }
   }
   if (!ignored.empty()) notes.push_back("ignored columns: " + ignored);
-}
-
-// The unit of a column if it is a time by its name: t, time, t_s, time_ms, time[s] and the like;
-// `bare`: it has none.
-struct TimeName {
-  Unit unit;
-  bool bare = false;
-};
-
-std::optional<TimeName> time_by_name(const std::string& name) {
-  Tagged column = split_unit(name);
-  column.name = lower_case(column.name);
-  const std::size_t underscore = column.name.rfind('_');
-  if (!column.unit && underscore != std::string::npos) {
-    column = {column.name.substr(0, underscore), column.name.substr(underscore + 1)};
-  }
-  const bool called_so = column.name == "t" || column.name == "time" || column.name == "zeit";
-  if (!called_so && (column.name != "timestamp" || !column.unit)) return std::nullopt;
-  const auto unit = parse_unit(column.unit.value_or("s"));
-  if (!unit || unit->quantity != Quantity::kTime) return std::nullopt;
-  return TimeName{*unit, !column.unit};
 }
 
 // The time column of a foreign file that is not named in `columns`.
@@ -323,86 +275,8 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
   return found;
 }
 
-/// What a channel may be called by other programs, in lower case; no part is empty.
-struct LikelyNames {
-  const char* channel;
-  std::array<std::string_view, 13> parts;
-};
-constexpr std::array kLikely{
-    LikelyNames{"X.command",
-                {"command", "cmd", "soll", "setpos", "setpoint", "set_pos", "des_pos", "pos_des",
-                 "posdes", "demand", "target", "reference", "cmdpos"}},
-    LikelyNames{"X.actual",
-                {"actual", "actpos", "act_pos", "pos_act", "posact", "xact", "lageist", "s ist",
-                 "enc_pos", "encoder", "feedback", "fb", "meas"}},
-    LikelyNames{"X.torque",
-                {"torque", "moment", "force", "kraft", "current", "strom", "i ist", "iq", "effort",
-                 "load", "actcurr", "toract", "tor_act"}},
-};
-/// Parts of names of other quantities.
-constexpr std::array<std::string_view, 9> kNoPosition{"vel",   "speed",  "geschw", "acc", "v soll",
-                                                      "v ist", "v_soll", "v_ist",  "err"};
-
-/// "A" of iq_A: a unit that the name ends with.
-std::optional<std::string> unit_in_name(const std::string& name) {
-  const std::size_t underscore = name.rfind('_');
-  if (underscore == std::string::npos || !parse_unit(name.substr(underscore + 1)))
-    return std::nullopt;
-  return name.substr(underscore + 1);
-}
-
-/// "X.command=Sollwert[mm],X.actual=Istwert[mm]", guessed from the names of the columns; empty
-/// where no command is among them. A unit that the file does not have is left as [unit].
-struct Proposal {
-  std::string columns;
-  bool clear = true;  ///< one command, one encoder, and each with a unit
-};
-Proposal proposal_for(std::span<const std::string> names) {
-  Proposal proposal;
-  std::string& out = proposal.columns;
-  std::vector<bool> used(names.size());
-  const auto offer = [&](const LikelyNames& likely, std::span<const std::string_view> parts) {
-    const bool torque = &likely == &kLikely.back();
-    bool offered = false;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      const Tagged column = split_unit(names[i]);
-      const std::string name = lower_case(column.name);
-      const auto has = [&](std::string_view part) { return name.find(part) != name.npos; };
-      const std::optional<std::string> written =
-          column.unit ? column.unit : unit_in_name(column.name);
-      const std::optional<Unit> unit = written ? parse_unit(*written) : std::nullopt;
-      if (unit &&
-          (torque ? unit->quantity != Quantity::kTorque
-                  : unit->quantity != Quantity::kLength && unit->quantity != Quantity::kAngle))
-        continue;
-      if (torque && has("pos")) continue;
-      if (used[i] || std::none_of(parts.begin(), parts.end(), has) ||
-          std::any_of(kNoPosition.begin(), kNoPosition.end(), has))
-        continue;
-      if (offered) {
-        proposal.clear = proposal.clear && torque;
-        continue;
-      }
-      offered = used[i] = true;
-      proposal.clear = proposal.clear && unit;
-      out += (out.empty() ? "" : ",") + std::string(likely.channel) + "=" + column.name + "[" +
-             (unit ? *written : "unit") + "]";
-    }
-    return offered;
-  };
-  constexpr std::array<std::string_view, 1> kAnyPosition{"pos"};
-  if (!offer(kLikely[0], kLikely[0].parts)) return {};
-  // What is the position and not the command is the encoder.
-  if (!offer(kLikely[1], kLikely[1].parts)) {
-    proposal.clear = false;
-    offer(kLikely[1], kAnyPosition);
-  }
-  offer(kLikely[2], kLikely[2].parts);
-  return proposal;
-}
-
 [[noreturn]] void throw_foreign(const std::string& source, std::span<const std::string> names) {
-  const std::string proposal = proposal_for(names).columns;
+  const std::string proposal = guess_columns(names).columns;
   const bool timed = std::any_of(names.begin(), names.end(),
                                  [](const std::string& name) { return time_by_name(name); });
   const bool numbered = !names.empty() && names.front() == "1";
@@ -495,8 +369,9 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
     }
   }
   if (columns.empty() && std::none_of(names.begin(), names.end(), is_channel)) {
-    if (Proposal proposal = proposal_for(names); proposal.clear && !proposal.columns.empty()) {
-      columns = std::move(proposal.columns);
+    ColumnGuess guess = guess_columns(names);
+    if (guess.clear) {
+      columns = std::move(guess.columns);
       layout.notes.push_back("by the names of its columns: read as --columns \"" + columns + "\"");
     }
   }

@@ -16,6 +16,8 @@ struct Program {
   const char* torque_unit;
   const char* only_axis;  ///< name of the axis where the columns do not name one
   bool torque_always;     ///< whether the program always writes it: then it has to be there
+  /// A column that nothing is read from, and without which the table is another program's.
+  std::string_view beside = {};
 };
 
 // The first one that fits counts.
@@ -29,6 +31,10 @@ constexpr std::array kPrograms{
     Program{"columns of ODrive, positions in turns as from firmware 0.5.1 on; input_pos is the "
             "setpoint in the input mode PASSTHROUGH only, in others pos_setpoint is",
             "time", "input_pos", "pos_estimate", "Iq_measured", "rev", "A", "axis0", false},
+    Program{"signals of SINUMERIK, in its units", "t_s", "des_pos", "enc_pos", "torque", "mm", "Nm",
+            "X", false, "cont_dev"},
+    Program{"names of the EMPS benchmark (DATA_EMPS.mat)", "t", "qg", "qm", "vir", "m", "V", "X",
+            true},
 };
 
 struct AxisColumns {
@@ -62,6 +68,8 @@ std::string channel_of(const std::string& axis, const char* channel, const std::
 }
 
 std::optional<KnownColumns> columns_of(const Program& program, std::span<const std::string> names) {
+  if (!program.beside.empty() && std::count(names.begin(), names.end(), program.beside) != 1)
+    return std::nullopt;
   std::string time;
   std::map<std::string, AxisColumns> axes;
   for (const std::string& name : names) {
@@ -116,13 +124,50 @@ std::optional<KnownColumns> columns_of_klipper(std::span<const std::string> name
                       "columns of Klipper (data_export.py)"};
 }
 
+/// What `rostopic echo -p` writes of a control_msgs/JointControllerState.
+std::optional<KnownColumns> columns_of_rostopic(std::span<const std::string> names) {
+  constexpr std::array<std::string_view, 3> kNeeded{"%time", "field.set_point",
+                                                    "field.process_value"};
+  for (const std::string_view needed : kNeeded)
+    if (std::count(names.begin(), names.end(), needed) != 1) return std::nullopt;
+  return KnownColumns{
+      "time=%time[ns],joint.command=field.set_point[rad],joint.actual=field.process_value[rad]",
+      "columns of rostopic echo -p, a joint that turns (of one that slides they are in m)"};
+}
+
+/// The custom of robotics: q1, q2, .. are the joints' angles, q_des1 their commands, i1 currents,
+/// tau1 torques.
+std::optional<KnownColumns> columns_of_joints(std::span<const std::string> names) {
+  const auto there = [&](const std::string& name) {
+    return std::count(names.begin(), names.end(), name) == 1 ? name : std::string();
+  };
+  const std::string time = there("t").empty() ? there("time") : "t";
+  std::string columns = "time=" + time + "[s]";
+  bool any = false;
+  for (int k = 1; !there("q" + std::to_string(k)).empty(); ++k) {
+    const std::string number = std::to_string(k), axis = "joint" + number;
+    const std::string command = there("q_des" + number), current = there("i" + number),
+                      torque = current.empty() ? there("tau" + number) : current;
+    any = any || !command.empty() || !torque.empty();
+    columns += channel_of(axis, "command", command, "rad") +
+               channel_of(axis, "actual", "q" + number, "rad") +
+               channel_of(axis, "torque", torque, current.empty() ? "Nm" : "A");
+  }
+  if (time.empty() || !any) return std::nullopt;
+  return KnownColumns{columns,
+                      "columns named as joints of robots are (q angle, i current, tau torque)"};
+}
+
 }  // namespace
 
 std::optional<KnownColumns> known_columns(std::span<const std::string> names) {
   for (const Program& program : kPrograms) {
     if (auto found = columns_of(program, names)) return found;
   }
-  return columns_of_klipper(names);
+  for (const auto columns : {columns_of_klipper, columns_of_rostopic, columns_of_joints}) {
+    if (auto found = columns(names)) return found;
+  }
+  return std::nullopt;
 }
 
 }  // namespace servotwin

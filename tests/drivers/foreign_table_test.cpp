@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "drivers/recording_file.h"
@@ -191,6 +192,27 @@ TEST_F(ForeignTable, OneCommandAndOneEncoderWithUnitsAreReadByTheirNames) {
   EXPECT_EQ(named.axes[0].actual, (vector<double>{0.25}));
 }
 
+TEST_F(ForeignTable, TheCommandAndEncoderOfAnAxisAreCalledAlike) {
+  const Recording two = read(
+      "t_s,X1_ActualPosition[mm],X1_ActualVelocity,X1_CommandPosition[mm],X1_CurrentFeedback[A],"
+      "Y1_CommandPosition[mm],Y1_CurrentFeedback[A],Y1_ActualPosition[mm]\n0,1,2,3,4,5,6,7\n");
+  ASSERT_EQ(two.axes.size(), 2U);
+  EXPECT_EQ(two.axes[0].name, "X1");
+  EXPECT_EQ(two.axes[0].command, (vector<double>{0.003}));
+  EXPECT_EQ(two.axes[0].actual, (vector<double>{0.001}));
+  EXPECT_EQ(two.axes[0].torque, (vector<double>{4.0}));
+  EXPECT_EQ(two.axes[1].name, "Y1");
+  EXPECT_EQ(two.axes[1].command, (vector<double>{0.005}));
+  EXPECT_EQ(two.axes[1].actual, (vector<double>{0.007}));
+  EXPECT_EQ(two.axes[1].torque, (vector<double>{6.0}));
+  const Recording numbered = read(
+      "t,Lagesollwert 1 [deg],Lagesollwert 2 [deg],Lageistwert 2 [deg],Lageistwert 1 [deg]\n"
+      "0,180,0,0,90\n");
+  ASSERT_EQ(numbered.axes.size(), 2U);
+  EXPECT_EQ(numbered.axes[0].name, "1");
+  EXPECT_DOUBLE_EQ(numbered.axes[0].actual[0], 0.5 * std::numbers::pi);
+}
+
 TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
   // An encoder only because it is the other position.
   refuses("t_s,pos_cmd_m,pos_m\n0,0,0\n", {"X.command=pos_cmd_m[m],X.actual=pos_m[m]\" (a guess)"});
@@ -199,6 +221,11 @@ TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
           {"--columns \"X.command=Lagesollwert 1[mm],X.actual=Lageistwert 1[mm]\" (a guess)"});
   refuses("Time,Position Command,Position Actual\n0,0,0\n",
           {"X.command=Position Command[unit],X.actual=Position Actual[unit]"});
+  // One of them has a unit: the other may have another.
+  refuses("t,pos_cmd [mm],pos_act\n0,0,0\n", {"X.command=pos_cmd[mm],X.actual=pos_act[unit]"});
+  refuses("t,a_cmd,a_act,b_cmd,b_act,b_load\n0,0,0,0,0,0\n",
+          {"--columns \"a.command=a_cmd[unit],a.actual=a_act[unit],b.command=b_cmd[unit],b.actual="
+           "b_act[unit],b.torque=b_load[unit]\" (a guess"});
   refuses("t,speed command\n0,0\n", {"X.command=NAME[unit]"});
   refuses("t,torDes,posDes,posErr,posAct,torAct\n0,0,0,0,0,0\n",
           {"X.command=posDes[unit],X.actual=posAct[unit],X.torque=torAct[unit]"});

@@ -99,6 +99,49 @@ TEST_F(KnownColumnsOfTables, TheSetpointOfAnOdriveComesBeforeItsInput) {
   EXPECT_NE(notes(input).find("PASSTHROUGH only"), std::string::npos);
 }
 
+TEST_F(KnownColumnsOfTables, TheBenchmarkOfEmps) {
+  const Recording r = read("t,qg,qm,vir,pulses_N\n0,1,2,3,4\n0.001,1,2,3,4\n");
+  ASSERT_EQ(r.axes.size(), 1U);
+  EXPECT_EQ(r.axes[0].command, (vector<double>{1.0, 1.0}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{2.0, 2.0}));
+  EXPECT_EQ(r.axes[0].torque, (vector<double>{3.0, 3.0}));
+  EXPECT_EQ(r.axes[0].torque_unit, "V");
+}
+
+TEST_F(KnownColumnsOfTables, SignalsOfSinumerikHaveItsUnits) {
+  const Recording r =
+      read("cycle,t_s,des_pos,enc_pos,cont_dev,torque\n1,0,5,4,1,3\n2,0.002,5,4,1,3\n");
+  EXPECT_EQ(r.axes[0].command[0], 0.005);
+  EXPECT_EQ(r.axes[0].actual[0], 0.004);
+  EXPECT_EQ(r.axes[0].torque[0], 3.0);
+}
+
+TEST_F(KnownColumnsOfTables, RostopicOfAJointController) {
+  const Recording r = read(
+      "%time,field.header.seq,field.header.stamp,field.set_point,field.process_value,field."
+      "command\n"
+      "1354825672489194938,1,1,0.5,0.25,9\n1354825672490194938,1,1,0.5,0.25,9\n");
+  ASSERT_EQ(r.axes.size(), 1U);
+  EXPECT_TRUE(r.axes[0].rotary);
+  EXPECT_EQ(r.axes[0].command[0], 0.5);
+  EXPECT_EQ(r.axes[0].actual[0], 0.25);
+  EXPECT_TRUE(r.axes[0].torque.empty());
+  EXPECT_NEAR(r.time[1] - r.time[0], 1e-3, 1e-6);
+}
+
+TEST_F(KnownColumnsOfTables, JointsOfARobotAreOneAxisEach) {
+  const Recording r = read("t,q1,q2,qd1,qd2,i1,i2,tau1\n0,1,2,3,4,5,6,7\n0.01,1,2,3,4,5,6,7\n");
+  ASSERT_EQ(r.axes.size(), 2U);
+  EXPECT_EQ(r.axes[1].name, "joint2");
+  EXPECT_TRUE(r.axes[1].rotary);
+  EXPECT_EQ(r.axes[1].actual[0], 2.0);
+  EXPECT_EQ(r.axes[1].torque[0], 6.0);
+  EXPECT_EQ(r.axes[0].torque_unit, "A");
+  const Recording commanded = read("time,q1,q_des1,tau1\n0,1,2,3\n0.01,1,2,3\n");
+  EXPECT_EQ(commanded.axes[0].command[0], 2.0);
+  EXPECT_EQ(commanded.axes[0].torque_unit, "Nm");
+}
+
 TEST_F(KnownColumnsOfTables, ColumnsThatTheUserAssignsAreReadAsHeSays) {
   const Recording r = read("time,pos_setpoint,pos_estimate\n0,8192,1\n0.01,8192,1\n",
                            mapped("X.command=pos_setpoint[rev/8192],X.actual=pos_estimate[rev]"));
@@ -111,6 +154,10 @@ TEST_F(KnownColumnsOfTables, WhatIsNotSureIsNotAssumed) {
   is_foreign("timestamp,control_position,position");
   is_foreign("time,MODE,POSITION,VELOCITY,TORQUE");
   is_foreign("POSITION,CONTROL_POSITION");
+  is_foreign("t,qg,qm");
+  is_foreign("t_s,des_pos,enc_pos,torque");
+  is_foreign("t,q1,q2");
+  is_foreign("q1,i1");
   is_foreign("time,a.axis0.encoder.pos_estimate,a.axis0.load.pos_estimate,a.axis0.pos_setpoint");
   is_foreign("time,odrive0.pos_setpoint,odrive0.pos_estimate");
   is_foreign("Time (s),stepper_x position (mm),stepper_y position (mm),my_sensor position (mm)");
