@@ -302,9 +302,10 @@ SegmentedAxis segmented(const Recording& recording, std::string_view axis,
   if (record.command.size() != rows || (rows > 0 && all_missing(record.command))) {
     throw std::runtime_error(recording.source + ": " + record.name +
                              ".command has no values; the setpoint of the axis is needed" +
-                             (axis.torque.empty() ? ""
-                                                  : ". Position and torque alone are explained by "
-                                                    "'servotwin diagnose'"));
+                             (record.torque.empty()
+                                  ? ""
+                                  : ". Position and torque alone are explained by "
+                                    "'servotwin diagnose'"));
   }
   const Channels channels(record, rows);
   const Stamps stamps = read_stamps(
