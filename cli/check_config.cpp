@@ -30,6 +30,7 @@ std::string text_of(const daemon::DdsConfig& dds) {
 
 /// The mapping of a machine on CAN.
 std::optional<CanMap> mapping_of(const daemon::Config& config) {
+  if (config.second) return std::nullopt;  // nothing is sent on its buses
   if (config.source == daemon::SourceKind::kCan) return load_can_map(config.can.map);
   if (config.source == daemon::SourceKind::kUdp) return load_can_map(config.udp.map);
   return std::nullopt;
@@ -134,15 +135,19 @@ void run(const std::filesystem::path& file) {
   for (const daemon::AxisConfig& axis : config.axes)
     axes += (axes.empty() ? "" : ", ") + axis.name + (axis.rotary ? " (rotary)" : "");
   say(stdout, "axes        " + (axes.empty() ? "as the source says" : axes));
-  std::string source = text_of(config.dds_in.value_or(config.dds));
+  const std::string frames = text_of(config.dds_in.value_or(config.dds));
+  std::string source = frames;
   if (config.source == daemon::SourceKind::kReplay)
     source = "replay of " + counted(config.replay.files.size(), "recording");
-  if (config.source == daemon::SourceKind::kCan) {
+  if (config.uses(daemon::SourceKind::kCan)) {
     source = "CAN " + (config.can.interfaces.empty() ? "as named" : listed(config.can.interfaces)) +
              " in " + config.can.map.string();
-  } else if (config.source == daemon::SourceKind::kUdp) {
+  } else if (config.uses(daemon::SourceKind::kUdp)) {
     source = "CAN over UDP at " + config.udp.listen + ", " + config.udp.map.string();
   }
+  if (config.second)
+    source = config.source == daemon::SourceKind::kDds ? frames + ", joined with " + source
+                                                       : source + ", joined with " + frames;
   say(stdout, "source      " + source);
   say(stdout, "output      " + text_of(config.dds) +
                   (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));

@@ -50,7 +50,7 @@ RecordingRoom room_of(const Config& config) {
 
 /// Why the receive threads of DDS are not real-time threads; empty if they are, or are not needed.
 std::string slow_receipt(const Config& config, const DdsPlace& place) {
-  if (config.source != SourceKind::kDds || config.priority == 0) return {};
+  if (!config.uses(SourceKind::kDds) || config.priority == 0) return {};
   if (dds_configured_outside()) {
     return "CYCLONEDDS_URI sets the priority of the DDS receive threads; [real_time] priority does "
            "not apply to them";
@@ -334,6 +334,7 @@ MachineStatus MachineService::status() {
   if (base_.stop.stop_requested()) now.state = DaemonState::kStopping;
   now.malformed += source.malformed;
   now.buses = std::move(source.buses);
+  now.clocks = source.clocks;
   now.publish_p50_s = published_.quantile_s(0.5);
   now.publish_p99_s = published_.quantile_s(0.99);
   now.publish_p999_s = published_.quantile_s(0.999);

@@ -27,7 +27,7 @@ namespace {
 
 DdsPlace place_of(const Config& config, const DdsConfig& dds) {
   // Frames pass through threads of Cyclone DDS, which must have the priority of the loop.
-  const bool urgent = config.source == SourceKind::kDds && config.priority > 0 &&
+  const bool urgent = config.uses(SourceKind::kDds) && config.priority > 0 &&
                       real_time_refused(config.priority).empty();
   return {config.machine, dds.domain, dds.partition, dds.strength, urgent ? config.priority : 0};
 }
@@ -176,7 +176,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     events.note("store", "", "axes in the store: " + known);
   const DdsNode node(place_of(config, config.dds));
   std::optional<DdsNode> apart;  // used if the frames have a DDS domain or partition of their own
-  if (config.source == SourceKind::kDds && config.dds_in)
+  if (config.uses(SourceKind::kDds) && config.dds_in)
     apart.emplace(place_of(config, *config.dds_in));
   const DdsNode& node_in = apart ? *apart : node;
   const std::unique_ptr<WebService> web = page_of(config, store, events);

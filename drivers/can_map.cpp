@@ -70,8 +70,8 @@ std::vector<const toml::table*> tables(Section& section, const std::string& key)
 
 class MapReader {
  public:
-  MapReader(const std::filesystem::path& folder, CanMap& map, Problems& problems)
-      : sources_(folder, map.notes), map_(map), problems_(problems) {}
+  MapReader(const std::filesystem::path& folder, CanMap& map, Problems& problems, Mapped mapped)
+      : sources_(folder, map.notes), map_(map), problems_(problems), mapped_(mapped) {}
 
   void read(const toml::table& table) {
     Section root(&table, "", problems_);
@@ -241,7 +241,7 @@ class MapReader {
     const bool commanded = map_.find(index, CanChannel::kCommand) != nullptr ||
                            (map_.find(index, CanChannel::kActual) != nullptr &&
                             map_.find(index, CanChannel::kFollowingError) != nullptr);
-    if (!commanded && !failed) {
+    if (!commanded && !failed && mapped_ == Mapped::kWholeAxes) {
       axis.report_missing(
           "command", "no signal is the command of axis " + in_quotes(description.name) +
                          ", nor actual and following_error from which it follows" +
@@ -497,6 +497,7 @@ class MapReader {
   SignalSources sources_;
   CanMap& map_;
   Problems& problems_;
+  Mapped mapped_;
 };
 
 }  // namespace
@@ -526,11 +527,11 @@ std::vector<std::size_t> prediction_messages(const CanMap& map) {
 }
 
 CheckedCanMap check_can_map(std::string_view text, const std::string& name,
-                            const std::filesystem::path& folder) {
+                            const std::filesystem::path& folder, Mapped mapped) {
   CheckedCanMap out;
   Problems problems(name, out.problems);
   try {
-    MapReader(folder, out.map, problems).read(parse_toml(text, name));
+    MapReader(folder, out.map, problems, mapped).read(parse_toml(text, name));
     problems.sort();
   } catch (const toml::parse_error& error) {
     problems.add(error.source(), std::string(error.description()));
@@ -538,8 +539,8 @@ CheckedCanMap check_can_map(std::string_view text, const std::string& name,
   return out;
 }
 
-CanMap load_can_map(const std::filesystem::path& file) {
-  CheckedCanMap checked = check_can_map(read_text(file), file.string(), file.parent_path());
+CanMap load_can_map(const std::filesystem::path& file, Mapped mapped) {
+  CheckedCanMap checked = check_can_map(read_text(file), file.string(), file.parent_path(), mapped);
   if (!checked.problems.empty()) throw std::runtime_error(messages(checked.problems));
   return std::move(checked.map);
 }

@@ -97,6 +97,12 @@ struct CanMap {
 /// The messages of a map that carry predictions.
 [[nodiscard]] std::vector<std::size_t> prediction_messages(const CanMap& map);
 
+/// What a mapping must have of every axis.
+enum class Mapped : std::uint8_t {
+  kWholeAxes,  ///< a command, or what it follows from
+  kChannels,   ///< any channel: the rest comes from another source
+};
+
 struct CheckedCanMap {
   CanMap map;                           ///< to be used only if there are no problems
   std::vector<ConfigProblem> problems;  ///< in the order of the file
@@ -104,8 +110,10 @@ struct CheckedCanMap {
 
 /// Reads the text of a mapping; `name` is used in messages; files are searched for in `folder`.
 [[nodiscard]] CheckedCanMap check_can_map(std::string_view text, const std::string& name,
-                                          const std::filesystem::path& folder);
+                                          const std::filesystem::path& folder,
+                                          Mapped mapped = Mapped::kWholeAxes);
 /// Throws std::runtime_error with all problems, one per line, or why the file cannot be read.
-[[nodiscard]] CanMap load_can_map(const std::filesystem::path& file);
+[[nodiscard]] CanMap load_can_map(const std::filesystem::path& file,
+                                  Mapped mapped = Mapped::kWholeAxes);
 
 }  // namespace servotwin

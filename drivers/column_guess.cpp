@@ -19,15 +19,16 @@ using Parts = std::span<const std::string_view>;
 constexpr std::array<std::string_view, 13> kCommand{
     "command", "cmd",    "soll",   "setpos", "setpoint",  "set_pos", "des_pos",
     "pos_des", "posdes", "demand", "target", "reference", "cmdpos"};
-constexpr std::array<std::string_view, 13> kActual{
-    "actual",  "actpos",  "act_pos", "pos_act",  "posact", "xact", "lageist",
-    "istwert", "enc_pos", "encoder", "feedback", "fb",     "meas"};
+constexpr std::array<std::string_view, 14> kActual{
+    "actual",  "actpos", "act_pos", "pos_act", "posact",   "xact", "_act",
+    "lageist", "s ist",  "enc_pos", "encoder", "feedback", "fb",   "meas"};
 constexpr std::array<std::string_view, 13> kTorque{
     "torque", "moment", "force", "kraft",   "current", "strom",  "i ist",
     "iq",     "effort", "load",  "actcurr", "toract",  "tor_act"};
 /// Parts of names of other quantities.
-constexpr std::array<std::string_view, 9> kNoPosition{"vel",   "speed",  "geschw", "acc", "v soll",
-                                                      "v ist", "v_soll", "v_ist",  "err"};
+constexpr std::array<std::string_view, 11> kNoPosition{"vel",    "speed", "geschw", "drehzahl",
+                                                       "rpm",    "acc",   "v soll", "v ist",
+                                                       "v_soll", "v_ist", "err"};
 /// Words that tell command from encoder, longer ones before those that they begin with.
 constexpr std::array<std::string_view, 23> kRole{
     "commanded", "command", "cmd",     "sollwert", "soll",      "setpoint", "set_point", "set",

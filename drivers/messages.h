@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -188,6 +189,14 @@ struct SourceNews {
   bool good = false;  ///< a problem is over
 };
 
+/// How the clock of a second source differs from that of the first.
+struct ClockDifference {
+  bool settled = false;      ///< the next two are known
+  double ahead_s = 0.0;      ///< what the second shows more than the first at the same moment
+  double drift = 0.0;        ///< by how much that grows: 1e-6 is 1 us each second
+  std::uint64_t absent = 0;  ///< cycles of the first for which the second had nothing
+};
+
 /// The counters of a bus from whose frames cycles are assembled (drivers/README.md).
 struct BusStatus {
   std::string name;
@@ -218,6 +227,7 @@ struct MachineStatus {
   double publish_p50_s = kAbsent, publish_p99_s = kAbsent, publish_p999_s = kAbsent,
          publish_max_s = kAbsent;
   std::vector<BusStatus> buses;
+  std::optional<ClockDifference> clocks{};  ///< of two sources that are joined
   std::string
       not_recording;  ///< why cycles are not recorded although configured; empty: they are recorded
 };

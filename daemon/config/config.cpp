@@ -35,28 +35,47 @@ void read_correction(Section section, std::optional<OffsetLimits>& to) {
   to = limits;
 }
 
-/// The source that an axis names, with its position in the file.
+constexpr std::array<std::pair<std::string_view, SourceKind>, 4> kSources{
+    {{"dds", SourceKind::kDds},
+     {"replay", SourceKind::kReplay},
+     {"can", SourceKind::kCan},
+     {"udp", SourceKind::kUdp}}};
+
+SourceKind source_named(std::string_view name) {
+  for (const auto& [known, kind] : kSources) {
+    if (known == name) return kind;
+  }
+  return SourceKind::kDds;
+}
+
+/// A source that an axis names, with its position in the file.
 struct NamedSource {
   std::string name;
   toml::source_region where;
 };
+/// Those of an axis; empty: not named.
+struct AxisSources {
+  NamedSource command, encoder;
+};
 
-NamedSource read_axis(const toml::table& table, Config& config, Problems& problems) {
+AxisSources read_axis(const toml::table& table, Config& config, Problems& problems) {
   Section section(&table, "axis", problems);
   AxisConfig axis;
   std::string units = "m";
-  NamedSource source;
+  AxisSources sources;
   if (section.find("name") == nullptr) section.report_missing("name", "every axis needs one");
   section.name("name", 31, axis.name);
   section.one_of("units", {"m", "rad"}, units);
   section.one_of("torque_unit", {"N", "Nm", "A", "V", "%"}, axis.torque_unit);
-  section.one_of("source", {"dds", "replay", "can", "udp"}, source.name);
+  section.one_of("source", {"dds", "replay", "can", "udp"}, sources.command.name);
+  section.one_of("encoder", {"dds", "can", "udp"}, sources.encoder.name);
   section.name("path", 31, axis.path);
   read_correction(section.section("correction"), axis.correction);
   if (section.has("encoder_in_loop"))
     section.flag("encoder_in_loop", config.diagnose.encoder_in_loop_of[axis.name]);
   section.refuse_unknown();
-  if (!source.name.empty()) source.where = table.get("source")->source();
+  if (!sources.command.name.empty()) sources.command.where = table.get("source")->source();
+  if (!sources.encoder.name.empty()) sources.encoder.where = table.get("encoder")->source();
   axis.rotary = units == "rad";
   if (axis.rotary && !axis.path.empty())
     section.report("path", "needs linear axes, but this axis has units = 'rad'");
@@ -66,7 +85,7 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
     }
   }
   config.axes.push_back(axis);
-  return source;
+  return sources;
 }
 
 /// Reports paths whose number of axes is not 2 to kMaxPathAxes.
@@ -84,8 +103,8 @@ void check_paths(const toml::array& axes, const Config& config, Problems& proble
   }
 }
 
-std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Problems& problems) {
-  std::vector<NamedSource> sources;
+std::vector<AxisSources> read_axes(const toml::node* node, Config& config, Problems& problems) {
+  std::vector<AxisSources> sources;
   if (node == nullptr) return sources;
   const toml::array* axes = node->as_array();
   if (axes == nullptr || !axes->is_array_of_tables()) {
@@ -95,8 +114,7 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
                                      " axes, not " + std::to_string(axes->size()));
   } else {
     for (const toml::node& entry : *axes) {
-      NamedSource source = read_axis(*entry.as_table(), config, problems);
-      if (!source.name.empty()) sources.push_back(std::move(source));
+      sources.push_back(read_axis(*entry.as_table(), config, problems));
     }
     check_paths(*axes, config, problems);
   }
@@ -154,39 +172,51 @@ void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& conf
   udp.refuse_unknown();
 }
 
-/// Chooses the source among those that the file configures.
-void choose_source(Section& source, const std::vector<NamedSource>& named, Config& config,
-                   Problems& problems) {
-  constexpr std::array<std::pair<const char*, SourceKind>, 4> kKinds{
-      {{"dds", SourceKind::kDds},
-       {"replay", SourceKind::kReplay},
-       {"can", SourceKind::kCan},
-       {"udp", SourceKind::kUdp}}};
+/// Chooses the source among those that the file configures, and a second one if the axes say so.
+void choose_sources(Section& source, const std::vector<AxisSources>& named, Config& config,
+                    Problems& problems) {
   std::vector<std::string> given;
-  for (const auto& [name, kind] : kKinds) {
-    if (source.has(name)) given.emplace_back(name);
+  for (const auto& [name, kind] : kSources) {
+    if (source.has(std::string(name))) given.emplace_back(name);
   }
+  const auto first = std::find_if(named.begin(), named.end(), [](const AxisSources& axis) {
+    return !axis.command.name.empty();
+  });
   std::string chosen = given.empty() ? "dds" : given.front();
-  if (!named.empty()) {
-    chosen = named.front().name;
+  if (first != named.end()) {
+    chosen = first->command.name;
   } else if (given.size() > 1) {
     source.report(
         given.back(),
         "there is a source." + given.front() + " as well; choose one with axis.source" +
             (source.has("dds") ? ", or move the daemon's own DDS settings to [dds]" : ""));
   }
-  for (const NamedSource& other : named) {
-    if (other.name != chosen) {
-      problems.add(other.where, "axis.source = '" + other.name + "': another axis has '" + chosen +
-                                    "', but all axes of a machine must have the same source");
+  config.source = source_named(chosen);
+  const auto use = [&](const NamedSource& one, const char* key) {
+    const SourceKind kind = one.name.empty() ? config.source : source_named(one.name);
+    const auto refuse = [&](const std::string& why) {
+      problems.add(one.where, std::string("axis.") + key + " = '" + one.name + "': " + why);
+    };
+    if (!one.name.empty() && one.name != "dds" && !source.has(one.name))
+      refuse("there is no [source." + one.name + "]");
+    if (config.uses(kind)) return kind;
+    if (kind == SourceKind::kReplay || config.source == SourceKind::kReplay) {
+      refuse("another axis has '" + chosen + "', and a recording cannot be joined with a source");
+    } else if (config.second) {
+      refuse("the axes have '" + chosen + "' and '" + std::string(name_of(*config.second)) +
+             "' already; two sources can be joined, not three");
+    } else if (kind != SourceKind::kDds && config.source != SourceKind::kDds) {
+      refuse("another axis has '" + chosen +
+             "'; of two sources one must be dds, since a mapping describes all buses");
+    } else {
+      config.second = kind;
     }
-  }
-  if (chosen != "dds" && !source.has(chosen)) {
-    problems.add(named.front().where,
-                 "axis.source = '" + chosen + "': there is no [source." + chosen + "]");
-  }
-  for (const auto& [name, kind] : kKinds) {
-    if (chosen == name) config.source = kind;
+    return kind;
+  };
+  for (std::size_t i = 0; i < named.size(); ++i) {
+    config.axes[i].command = use(named[i].command, "source");
+    config.axes[i].encoder =
+        named[i].encoder.name.empty() ? config.axes[i].command : use(named[i].encoder, "encoder");
   }
 }
 
@@ -215,7 +245,7 @@ void read_dds(Section out, Section in, Config& config) {
   in.refuse_unknown();
 }
 
-void read_source(Section source, Section out, const std::vector<NamedSource>& named,
+void read_source(Section source, Section out, const std::vector<AxisSources>& named,
                  const std::filesystem::path& folder, Config& config, Problems& problems) {
   read_dds(std::move(out), source.section("dds"), config);
   Section replay = source.section("replay");
@@ -225,7 +255,7 @@ void read_source(Section source, Section out, const std::vector<NamedSource>& na
   Section udp = source.section("udp");
   read_udp(udp, folder, config.udp);
   source.refuse_unknown();
-  choose_source(source, named, config, problems);
+  choose_sources(source, named, config, problems);
 }
 
 void read_identify(Section section, IdentifyConfig& identify) {
@@ -409,11 +439,16 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   if (cycle_s > 0.0) config.cycle_s = cycle_s;
   machine.refuse_unknown();
 
-  const std::vector<NamedSource> named = read_axes(root.find("axis"), config, problems);
+  const std::vector<AxisSources> named = read_axes(root.find("axis"), config, problems);
   read_source(root.section("source"), root.section("dds"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
-  read_ilc(root.section("ilc"), config.axes, folder, config.ilc);
+  Section ilc = root.section("ilc");
+  if (config.second && config.source != SourceKind::kDds && ilc.has("live"))
+    ilc.report("live",
+               "of two sources offsets are only sent over DDS, to where the commands of the "
+               "first axis must come from");
+  read_ilc(std::move(ilc), config.axes, folder, config.ilc);
 
   Section store = root.section("store");
   std::string directory;
@@ -441,6 +476,12 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
 }
 
 }  // namespace
+
+std::string_view name_of(SourceKind kind) noexcept {
+  const auto* const found = std::find_if(kSources.begin(), kSources.end(),
+                                         [&](const auto& one) { return one.second == kind; });
+  return found->first;
+}
 
 CheckedConfig check_config(std::string_view text, const std::string& name) {
   CheckedConfig out;

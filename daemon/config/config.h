@@ -25,15 +25,17 @@ struct OffsetLimits {
   double bandwidth_hz = 0.0;  ///< [Hz]
 };
 
+enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
+
 struct AxisConfig {
   std::string name;         ///< 1..31 characters
   bool rotary = false;      ///< units = "rad"; else "m"
   std::string torque_unit;  ///< unit of the torque that the machine sends; empty: none
   std::string path{};       ///< name of the path that it forms with other axes; empty: none
   std::optional<OffsetLimits> correction{};  ///< absent: no offset is ever sent
+  SourceKind command = SourceKind::kDds;     ///< where the command comes from
+  SourceKind encoder = SourceKind::kDds;     ///< where encoder and torque come from
 };
-
-enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
 
 struct DdsConfig {
   std::uint32_t domain = 0;  ///< 0..230
@@ -125,7 +127,8 @@ struct Config {
   std::string machine = "machine";  ///< 1..63 characters
   std::optional<double> cycle_s;    ///< absent: given by the source
   std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: given by the source
-  SourceKind source = SourceKind::kDds;
+  SourceKind source = SourceKind::kDds;  ///< that of the first axis' command: the cycles are its
+  std::optional<SourceKind> second;      ///< another one beside it, as the axes say
   DdsConfig dds;  ///< where the daemon publishes, whatever the source of its frames is
   std::optional<DdsConfig> dds_in;  ///< where the frames are, if not at `dds`
   ReplayConfig replay;
@@ -139,7 +142,14 @@ struct Config {
   int priority = 80;      ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
   std::vector<int> cpus;  ///< processors that the real-time loop may use; empty: all
   std::map<std::string, std::string> given;  ///< the keys of the file and their values as text
+
+  [[nodiscard]] bool uses(SourceKind kind) const noexcept {
+    return source == kind || second == kind;
+  }
 };
+
+/// "dds", "replay", "can" or "udp", as a configuration names it.
+[[nodiscard]] std::string_view name_of(SourceKind kind) noexcept;
 
 struct CheckedConfig {
   Config config;                        ///< valid only if there are no problems

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -31,6 +32,7 @@ struct SourceState {
   std::uint64_t malformed = 0;    ///< frames refused so far
   std::vector<BusStatus> buses;   ///< buses that the source reads
   std::string offsets_held_back;  ///< why offsets are not sent any more; empty: they are sent
+  std::optional<ClockDifference> clocks;  ///< of two sources that are joined
 };
 
 class FrameSource {
@@ -52,6 +54,9 @@ class FrameSource {
   virtual void tell(const MachinePrediction& /*prediction*/) noexcept {}
   /// Whether the residual alarm of an axis is raised, for tell(). Any thread.
   virtual void show_alarm(std::size_t /*axis*/, bool /*raised*/) noexcept {}
+  /// Whether the stamps of the frames are those of this host's wall clock. If not, they are of a
+  /// clock that this host does not know.
+  [[nodiscard]] virtual bool stamped_here() const noexcept { return false; }
   /// Time since the last received frame was due (replay) or sent [ns], by the clocks of this host.
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
   /// The state of the source. `now_ns`: steady clock. Any thread.

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "daemon/input/can_source.h"
+#include "daemon/input/joined_source.h"
 #include "daemon/input/offset_contract.h"
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/can_log.h"
@@ -56,19 +57,22 @@ MachineInput replaying(const Config& config, EventLog& events) {
   return {std::move(source), machine};
 }
 
-/// The mapping of the configured source, checked against the rest of the configuration.
+/// The mapping of the buses that the configuration names, checked against the rest of it.
 CanMap mapping(const Config& config) {
-  CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
-  if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
+  const bool udp = config.uses(SourceKind::kUdp);
+  CanMap map = load_can_map(udp ? config.udp.map : config.can.map,
+                            config.second ? Mapped::kChannels : Mapped::kWholeAxes);
+  if (config.source != SourceKind::kDds && config.cycle_s &&
+      *config.cycle_s != map.machine.cycle_s) {
     throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
                              " s, but cycle_s of the CAN mapping is " +
                              number(map.machine.cycle_s) + " s; remove machine.cycle_s");
   }
-  if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
+  if (udp && map.buses.size() > 1) {
     throw std::runtime_error("CAN over UDP is one bus, but the mapping has " +
                              std::to_string(map.buses.size()) + ": " + listed(map.buses));
   }
-  if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
+  if (!udp && !config.can.interfaces.empty()) {
     if (config.can.interfaces.size() != map.buses.size()) {
       throw std::runtime_error("source.can.interfaces names " +
                                std::to_string(config.can.interfaces.size()) +
@@ -90,7 +94,7 @@ MachineInput listening(const Config& config, EventLog& events) {
   for (const std::string& note : map.notes) events.note("source", "", note);
   std::vector<std::unique_ptr<CanBus>> buses;
   Pacing pacing = Pacing::kByStamp;
-  if (config.source == SourceKind::kUdp) {
+  if (config.uses(SourceKind::kUdp)) {
     buses.push_back(std::make_unique<CanUdp>(CanUdpPlace{config.udp.listen, config.udp.peer}));
     map.buses.front() = config.udp.listen;
     pacing = Pacing::kByCount;
@@ -103,8 +107,11 @@ MachineInput listening(const Config& config, EventLog& events) {
   }
   events.note("source", "", "listening to " + listed(map.buses));
   auto source = std::make_unique<CanSource>(map, std::move(buses), pacing);
-  if (config.ilc.live) source->carry_offsets(corrected_axes(config));
-  if (!prediction_messages(map).empty()) {
+  if (config.ilc.live && !config.second) source->carry_offsets(corrected_axes(config));
+  if (config.second) {
+    if (!prediction_messages(map).empty())
+      events.note("source", "", "with two sources no predictions are sent to a PLC");
+  } else if (!prediction_messages(map).empty()) {
     source->tell_predictions();
     events.note("source", "",
                 "predictions are sent every " + number(1e3 * map.prediction_period_s) + " ms in " +
@@ -152,6 +159,58 @@ void check_axes(const Config& config, const MachineDescription& machine) {
   (void)paths_of(config, machine);
 }
 
+/// Where the channels of the axes are in the two sources: in the frames of DDS in the order of the
+/// configuration, in a mapping by name. Throws std::runtime_error with what the mapping lacks.
+std::vector<JoinedAxis> joined_axes(const Config& config, const CanMap& map) {
+  std::vector<JoinedAxis> out;
+  std::size_t in_frames = 0;
+  for (const AxisConfig& axis : config.axes) {
+    const auto& mapped = map.machine.axes;
+    const auto found = std::find_if(mapped.begin(), mapped.end(),
+                                    [&](const auto& one) { return one.name == axis.name; });
+    const auto at = static_cast<std::size_t>(found - mapped.begin());
+    const bool by_dds = axis.command == SourceKind::kDds || axis.encoder == SourceKind::kDds;
+    const auto place = [&](SourceKind kind, CanChannel channel) {
+      if (kind == SourceKind::kDds)
+        return JoinedAxis::Place{kind == config.source ? 0U : 1U, in_frames};
+      const auto refuse = [&](const std::string& why) {
+        throw std::runtime_error("axis '" + axis.name + "': " + why);
+      };
+      if (found == mapped.end()) refuse("the CAN mapping has no axis of this name");
+      if (found->rotary != axis.rotary)
+        refuse(std::string("is in ") + (axis.rotary ? "rad" : "m") +
+               " in the configuration, and in the other unit in the CAN mapping");
+      if (map.find(at, channel) == nullptr && map.find(at, CanChannel::kFollowingError) == nullptr)
+        refuse("the CAN mapping has no '" + std::string(name_of(channel)) + "' of it");
+      return JoinedAxis::Place{kind == config.source ? 0U : 1U, at};
+    };
+    out.push_back(
+        {place(axis.command, CanChannel::kCommand), place(axis.encoder, CanChannel::kActual)});
+    if (by_dds) ++in_frames;
+  }
+  return out;
+}
+
+/// Frames by DDS and a mapping of buses as one machine.
+MachineInput joining(const Config& config, const DdsNode& node_in, EventLog& events) {
+  MachineInput bus = listening(config, events);
+  std::vector<JoinedAxis> axes = joined_axes(config, *bus.map);
+  MachineDescription machine = described_by(config);
+  const bool dds_first = config.source == SourceKind::kDds;
+  if (!dds_first) machine.cycle_s = bus.machine.cycle_s;
+  JoinedSource::Part dds{std::make_unique<DdsSource>(node_in), "dds"},
+      can{std::move(bus.source), std::string(name_of(*config.second))};
+  if (!dds_first) can.name = name_of(config.source);
+  std::array<JoinedSource::Part, 2> parts{std::move(dds), std::move(can)};
+  if (!dds_first) std::swap(parts[0], parts[1]);
+  events.note(
+      "source", "",
+      "the cycles are those of " + parts[0].name + ", and " + parts[1].name + " is joined to them");
+  const double cycle_s = machine.cycle_s;
+  return {std::make_unique<JoinedSource>(std::move(parts), std::move(axes), cycle_s),
+          std::move(machine), std::nullopt};
+}
+
 }  // namespace
 
 std::vector<std::vector<std::size_t>> paths_of(const Config& config,
@@ -184,6 +243,11 @@ std::optional<MachineInput> open_input(const Config& config, const DdsNode& node
   if (config.source == SourceKind::kReplay) {
     input = replaying(config, events);
     check_axes(config, input.machine);
+    return input;
+  }
+  if (config.second) {
+    input = joining(config, node_in, events);
+    (void)paths_of(config, input.machine);
     return input;
   }
   if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
@@ -220,7 +284,13 @@ std::vector<std::string> input_obstacles(const Config& config) {
     for (const std::string& refusal : offset_contract(config, cycle_s, map).refusals)
       found.push_back("offsets cannot be armed: " + refusal);
   };
-  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
+  if (config.second) {
+    attempt([&] {
+      (void)joined_axes(config, mapping(config));
+      (void)paths_of(config, described_by(config));
+      if (config.ilc.live) check_contract(described_by(config).cycle_s, nullptr);
+    });
+  } else if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
     attempt([&] {
       const CanMap map = mapping(config);
       check_axes(config, map.machine);
@@ -231,7 +301,7 @@ std::vector<std::string> input_obstacles(const Config& config) {
   } else if (config.source == SourceKind::kDds && config.ilc.live && !config.axes.empty()) {
     check_contract(described_by(config).cycle_s, nullptr);
   }
-  if (config.source == SourceKind::kUdp) {
+  if (config.uses(SourceKind::kUdp)) {
     const UdpConfig& udp = config.udp;
     const auto check = [&](const char* key, const auto& action) {
       try {

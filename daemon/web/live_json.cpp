@@ -53,6 +53,14 @@ json axis_json(const AxisDescription& axis) {
   return {{"name", axis.name}, {"rotary", axis.rotary}, {"torque_unit", axis.torque_unit}};
 }
 
+json clocks_json(const std::optional<ClockDifference>& clocks) {
+  if (!clocks) return nullptr;
+  return {{"known", clocks->settled},
+          {"ahead_s", number_or_null(clocks->settled ? clocks->ahead_s : kAbsent)},
+          {"drift_ppm", number_or_null(clocks->settled ? 1e6 * clocks->drift : kAbsent)},
+          {"absent", clocks->absent}};
+}
+
 }  // namespace
 
 const char* name_of(AlarmState state) noexcept {
@@ -114,6 +122,7 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
               {"publish_p999_s", number_or_null(status.publish_p999_s)},
               {"publish_max_s", number_or_null(status.publish_max_s)},
               {"buses", std::move(buses)},
+              {"clocks", clocks_json(status.clocks)},
               {"contour_last_second", figures_json(live.contour)},
               {"measured_contour_last_second", figures_json(live.measured_contour)},
               {"not_recording", status.not_recording},

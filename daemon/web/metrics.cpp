@@ -108,6 +108,17 @@ void write_buses(const std::vector<BusStatus>& buses, Text& text) {
        &BusStatus::downs);
 }
 
+void write_clocks(const ClockDifference& clocks, Text& text) {
+  text.gauge("clocks_known", "1 if two joined sources are aligned by their clocks.",
+             clocks.settled ? 1.0 : 0.0);
+  text.gauge("clock_ahead_seconds", "What the clock of the second source shows more.",
+             clocks.settled ? clocks.ahead_s : kAbsent);
+  text.gauge("clock_drift_ratio", "By how much that grows, seconds per second.",
+             clocks.settled ? clocks.drift : kAbsent);
+  text.counter("cycles_without_second_source_total",
+               "Cycles for which the second source had nothing.", clocks.absent);
+}
+
 void write_axes(const MetricsInput& input, Text& text) {
   const std::vector<AxisDescription>& axes = input.description.axes;
   const auto each = [&](const char* name, const char* type, const char* help,
@@ -180,6 +191,7 @@ std::string metrics_text(const MetricsInput& input) {
         "Time from a frame being due, sent or complete until its prediction is handed to DDS.",
         *input.published);
   if (!input.live.status.buses.empty()) write_buses(input.live.status.buses, text);
+  if (input.live.status.clocks) write_clocks(*input.live.status.clocks, text);
   write_axes(input, text);
   text.gauge("contour_error_rms", "RMS of the predicted contour error over the last second, in m.",
              input.live.contour.rms);

@@ -20,17 +20,21 @@ def is_recording(file):
     return file.suffix.lower() in RECORDINGS and file.name not in NO_RECORDINGS
 
 
-def identify(servotwin, file, folder, options=()):
+def run(servotwin, words, folder):
     try:
-        done = subprocess.run([servotwin, "identify", file, *options, "--model", "model.json"], cwd=folder, capture_output=True, text=True, errors="replace", check=False, timeout=LONGEST_S)
+        done = subprocess.run([servotwin, *words], cwd=folder, capture_output=True, text=True, errors="replace", check=False, timeout=LONGEST_S)
     except subprocess.TimeoutExpired:
-        return f"servotwin identify: not done in {LONGEST_S} s"
+        return f"servotwin {words[0]}: not done in {LONGEST_S} s"
     return done.stderr + done.stdout
+
+
+def identify(servotwin, file, folder, options=()):
+    return run(servotwin, ["identify", file, *options, "--model", "model.json"], folder)
 
 
 def first_axis(output):
     """The axis to ask for, where the program names several."""
-    found = re.search(r"--axis.*?: ([^,\n]+),", output)
+    found = re.search(r"has the axes ([^,\n]+),.*--axis", output)
     return found and found[1].strip()
 
 
@@ -49,7 +53,7 @@ def format_of(servotwin, file, folder):
 def said(output, file):
     """The error or the verdict, then the notes; of a table with foreign columns only what is proposed."""
     lines = [" ".join(line.split()).replace(f"{file}: ", "") for line in output.splitlines()]
-    error = [line.replace("servotwin identify: ", "refused: ") for line in lines if line.startswith("servotwin identify:")]
+    error = [re.sub("^servotwin [a-z]+: ", "refused: ", line) for line in lines if re.match("servotwin [a-z]+:", line)]
     first = error or [line for line in lines if line.startswith("verdict")]
     notes = [line for line in lines if line.startswith(("note:", "warning:")) and "ignored columns" not in line]
     text = re.sub(r"no column is named .*(--columns .*?)\. The file has.*", r"asks for \1", " / ".join(first + notes))
@@ -69,6 +73,9 @@ def main():
             axis = first_axis(output)
             if axis:
                 output = identify(servotwin, file, folder, ["--axis", axis])
+            chosen = ["--axis", axis] if axis else []
+            if "explained by 'servotwin diagnose'" in output:  # position and torque without a command
+                output = run(servotwin, ["diagnose", file, *chosen, "--to", "60"], folder)
             read = re.search(r"^axis .*?: (\d+) rows .*\((\S+ Hz)\)", output, re.MULTILINE)
             rows, rate = read.groups() if read else ("", "")
             name = str(file.relative_to(data)) + (f" `--axis {axis}`" if axis else "")

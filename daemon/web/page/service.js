@@ -32,12 +32,24 @@ const kAlarms = {
   raised: ["the residual has grown", "bad"],
 };
 
+/** Of two joined sources: cycles for which the second had nothing, and how its clock goes. */
+function clockRows(clocks) {
+  if (!clocks) return [];
+  const row = (words, value, shown) => make("tr", {}, make("th", { scope: "row" }, words), make("td", { class: "number" }, value), make("td", {}, shown));
+  return [
+    row("cycles without the second source", count(clocks.absent), make("span", { class: clocks.absent > 0 ? "tag warn" : "good" }, clocks.absent > 0 ? "some" : "none")),
+    row("clock of the second source", clocks.known ? `${span(Math.abs(clocks.ahead_s))} ${clocks.ahead_s < 0 ? "behind" : "ahead"}` : "not known yet",
+      clocks.known ? `${clocks.drift_ppm.toFixed(1)} us a second` : ""),
+  ];
+}
+
 export function showService(status) {
   fill(at("losses"), make("tbody", {},
     make("tr", {}, make("th", { scope: "row" }, "cycles received"), make("td", { class: "number" }, count(status.frames)), make("td", {}, "")),
     ...kLosses.map(([key, words]) =>
       make("tr", {}, make("th", { scope: "row" }, words), make("td", { class: "number" }, count(status[key])),
-        make("td", {}, make("span", { class: status[key] > 0 ? "tag warn" : "good" }, status[key] > 0 ? "some" : "none"))))));
+        make("td", {}, make("span", { class: status[key] > 0 ? "tag warn" : "good" }, status[key] > 0 ? "some" : "none")))),
+    ...clockRows(status.clocks)));
   write(at("not-recording"), status.not_recording);
   showBuses(status.buses);
   const row = (words, ...spans) => make("tr", {}, make("th", { scope: "row" }, words), ...spans.map((value) => make("td", { class: "number" }, span(value))));

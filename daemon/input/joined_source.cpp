@@ -1,0 +1,125 @@
+#include "daemon/input/joined_source.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "daemon/between/clock.h"
+#include "daemon/between/report_period.h"
+#include "drivers/text.h"
+
+namespace servotwin::daemon {
+namespace {
+
+// How often a waiting cycle looks for a sample of the second source, in parts of a cycle.
+constexpr double kLooksPerCycle = 8.0;
+constexpr double kFollowerTimeout_s = 0.1;
+
+}  // namespace
+
+JoinedSource::JoinedSource(std::array<Part, 2> parts, std::vector<JoinedAxis> axes, double cycle_s)
+    : parts_(std::move(parts)),
+      join_(std::move(axes), cycle_s,
+            {parts_[0].source->stamped_here(), parts_[1].source->stamped_here()}),
+      look_s_(cycle_s / kLooksPerCycle) {}
+
+void JoinedSource::follow(const std::stop_token& stop) noexcept {
+  MachineFrame frame;
+  FrameJoin::Sample sample;
+  while (!stop.stop_requested()) {
+    const Received received = parts_[1].source->receive(frame, kFollowerTimeout_s);
+    if (received == Received::kEnd) return;
+    if (received == Received::kNothing || frame.axis_count < join_.axes_of(1)) continue;
+    sample = {frame.time_ns, steady_ns(), frame.axes};
+    arrived_.push(sample);  // without room its cycles are absent, and counted there
+  }
+}
+
+void JoinedSource::read_clocks() noexcept {
+  // A thread that is stopped between the two readings would shift all samples.
+  constexpr int kReadings = 3;
+  constexpr std::int64_t kAtOnce_ns = 5'000;
+  std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
+  for (int i = 0; i < kReadings && least_ns > kAtOnce_ns; ++i) {
+    const std::int64_t before = steady_ns(), wall = wall_ns(), took_ns = steady_ns() - before;
+    if (took_ns >= least_ns) continue;
+    least_ns = took_ns;
+    join_.set_wall_ahead(wall - before - took_ns / 2);
+  }
+}
+
+void JoinedSource::publish_clocks() noexcept {
+  const ClockDifference& now = join_.clocks();
+  settled_.store(now.settled, std::memory_order_relaxed);
+  ahead_s_.store(now.ahead_s, std::memory_order_relaxed);
+  drift_.store(now.drift, std::memory_order_relaxed);
+  absent_.store(now.absent, std::memory_order_relaxed);
+}
+
+Received JoinedSource::receive(MachineFrame& frame, double timeout_s) noexcept {
+  if (!follower_.joinable())
+    follower_ = std::jthread([this](const std::stop_token& stop) { follow(stop); });
+  const std::int64_t until = steady_ns() + std::llround(1e9 * timeout_s);
+  while (true) {
+    read_clocks();
+    for (FrameJoin::Sample next; arrived_.pop(next);) join_.add_second(next);
+    if (join_.take(frame, steady_ns())) {
+      publish_clocks();
+      return Received::kFrame;
+    }
+    if (ended_ && !join_.waiting()) return Received::kEnd;
+    const double left_s = 1e-9 * static_cast<double>(until - steady_ns());
+    if (!(left_s > 0.0)) return Received::kNothing;
+    const Received received =
+        parts_[0].source->receive(first_, join_.waiting() ? std::min(left_s, look_s_) : left_s);
+    if (received == Received::kEnd) ended_ = true;
+    if (received == Received::kFrame) join_.add_first(first_, steady_ns());
+  }
+}
+
+std::int64_t JoinedSource::age_ns() const noexcept { return steady_ns() - join_.moment_ns(); }
+
+SourceState JoinedSource::state(std::int64_t now_ns) const {
+  SourceState out = parts_[0].source->state(now_ns), second = parts_[1].source->state(now_ns);
+  out.silent = out.silent || second.silent;
+  out.malformed += second.malformed;
+  out.buses.insert(out.buses.end(), second.buses.begin(), second.buses.end());
+  out.clocks = {settled_.load(std::memory_order_relaxed), ahead_s_.load(std::memory_order_relaxed),
+                drift_.load(std::memory_order_relaxed), absent_.load(std::memory_order_relaxed)};
+  return out;
+}
+
+std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
+  std::vector<SourceNews> lines;
+  for (Part& part : parts_) {
+    for (SourceNews& line : part.source->news(now_ns)) {
+      line.text = part.name + ": " + line.text;
+      lines.push_back(std::move(line));
+    }
+  }
+  const ClockDifference now = *state(now_ns).clocks;
+  const std::string &first = parts_[0].name, &second = parts_[1].name;
+  if (now.settled && !reported_settled_) {
+    lines.push_back({"the clock of " + second + " is " + number(1e3 * std::abs(now.ahead_s)) +
+                         " ms " + (now.ahead_s < 0.0 ? "behind" : "ahead of") + " that of " +
+                         first + " and " + (now.drift < 0.0 ? "loses " : "gains ") +
+                         number(std::round(1e7 * std::abs(now.drift)) / 10.0) +
+                         " us a second; what comes from " + second +
+                         " is taken at the time of each cycle",
+                     true});
+  } else if (!now.settled && reported_settled_) {
+    lines.push_back({"the clock of " + first + " or " + second + " was set: nothing from " +
+                     second + " is used until both are known again"});
+  }
+  reported_settled_ = now.settled;
+  if (now.absent > reported_absent_ &&
+      (reported_ns_ == 0 || now_ns - reported_ns_ >= kReportPeriod_ns)) {
+    lines.push_back(
+        {second + " had nothing for " + counted(now.absent - reported_absent_, "cycle")});
+    reported_absent_ = now.absent;
+    reported_ns_ = now_ns;
+  }
+  return lines;
+}
+
+}  // namespace servotwin::daemon
