@@ -276,6 +276,27 @@ INSTANTIATE_TEST_SUITE_P(
             "1024"},
         WrongKey{"[[axis]]\nname = 'X'\nsource = 'replay'\n",
                  "m.toml:3:10: axis.source = 'replay': there is no [source.replay]"},
+        WrongKey{"[[axis]]\nname = 'X'\nencoder = 'can'\n",
+                 "m.toml:3:11: axis.encoder = 'can': there is no [source.can]"},
+        WrongKey{
+            "[[axis]]\nname = 'X'\nsource = 'udp'\nencoder = 'can'\n[source.can]\nmap = 'a'\n"
+            "[source.udp]\nmap = 'a'\n",
+            "m.toml:4:11: axis.encoder = 'can': another axis has 'udp'; of two sources one must "
+            "be dds, since a mapping describes all buses"},
+        WrongKey{"[[axis]]\nname = 'X'\nsource = 'dds'\nencoder = 'can'\n[[axis]]\nname = 'Y'\n"
+                 "source = 'udp'\n[source.can]\nmap = 'a'\n[source.udp]\nmap = 'a'\n",
+                 "m.toml:7:10: axis.source = 'udp': the axes have 'dds' and 'can' already; two "
+                 "sources can be joined, not three"},
+        WrongKey{"[[axis]]\nname = 'X'\nsource = 'replay'\nencoder = 'dds'\n[source.replay]\n"
+                 "files = ['a']\n",
+                 "m.toml:4:11: axis.encoder = 'dds': another axis has 'replay', and a recording "
+                 "cannot be joined with a source"},
+        WrongKey{"[[axis]]\nname = 'X'\nencoder = 'replay'\n",
+                 "m.toml:3:11: axis.encoder = 'replay': must be 'dds', 'can' or 'udp'"},
+        WrongKey{"[[axis]]\nname = 'X'\nsource = 'can'\nencoder = 'dds'\n[source.can]\nmap = 'a'\n"
+                 "[ilc]\nlive = true\n",
+                 "m.toml:8:8: ilc.live = true: of two sources offsets are only sent over DDS, to "
+                 "where the commands of the first axis must come from"},
         WrongKey{"[source.dds]\ndomain = 231\n",
                  "m.toml:2:10: source.dds.domain = 231: must be a whole number from 0 to 230"},
         WrongKey{"[source.dds]\nstrength = -1\n",

@@ -11,7 +11,7 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr std::int64_t kMs_ns = 1'000'000;
+constexpr std::int64_t kTick_ns = 1'000'000;
 
 /// A motion of 0.1 m amplitude with up to 0.6 m/s and 4 m/s^2, as fast as feed axes are.
 double place(double t_s) { return 0.1 * std::sin(6.0 * t_s); }
@@ -26,7 +26,7 @@ class Streams {
 
   /// The next cycle of both; `lost`: the second stream's is.
   void pass(bool lost = false) {
-    const std::int64_t t = cycle_ * kMs_ns, encoder = t + 370'000;
+    const std::int64_t t = cycle_ * kTick_ns, encoder = t + 370'000;
     std::exponential_distribution<double> late(1.0 / 20e3);
     MachineFrame frame;
     frame.sequence = static_cast<std::uint64_t>(cycle_);
@@ -98,7 +98,7 @@ TEST(FrameJoin, TheEncoderIsThatOfTheMomentOfTheCommand) {
     // 3 us of the clocks at 0.6 m/s; a cycle that is taken as it comes is wrong by 222 um.
     EXPECT_LT(seen.error_m, 2e-6);
     EXPECT_LT(seen.torque_error, 5e-6);
-    EXPECT_LT(seen.latest_ns, 2 * kMs_ns);
+    EXPECT_LT(seen.latest_ns, 2 * kTick_ns);
     const ClockDifference& clocks = streams.join().clocks();
     EXPECT_TRUE(clocks.settled);
     EXPECT_NEAR(clocks.drift, drift, 0.5e-6);
@@ -117,7 +117,7 @@ TEST(FrameJoin, WhatTheSecondStreamLacksIsAbsentAndCounted) {
   EXPECT_LE(seen.absent, 22);
   EXPECT_EQ(streams.join().clocks().absent, static_cast<std::uint64_t>(seen.absent));
   EXPECT_LT(seen.error_m, 2e-6) << "nothing is interpolated over a gap";
-  EXPECT_LE(seen.latest_ns, 4 * kMs_ns + 200'000);
+  EXPECT_LE(seen.latest_ns, 4 * kTick_ns + 200'000);
 }
 
 // With clocks that need not be found only the interpolation is left.
@@ -130,7 +130,7 @@ TEST(FrameJoin, BetweenSamplesThereIsNoStraightLine) {
   FrameJoin::Sample sample;
   double worst = 0.0;
   for (std::int64_t cycle = 0; cycle < 1000; ++cycle) {
-    const std::int64_t moment = cycle * kMs_ns, encoder = moment + 500'000;
+    const std::int64_t moment = cycle * kTick_ns, encoder = moment + 500'000;
     frame.time_ns = kWallAhead_ns + moment;
     join.add_first(frame, moment);
     EXPECT_FALSE(join.take(out, moment));
@@ -174,7 +174,7 @@ TEST(FrameJoin, AFrameWithFewerAxesIsOfAnotherMachine) {
   MachineFrame frame, out;
   frame.axis_count = 1;
   join.add_first(frame, 0);
-  ASSERT_TRUE(join.take(out, 10 * kMs_ns));
+  ASSERT_TRUE(join.take(out, 10 * kTick_ns));
   EXPECT_EQ(out.axis_count, 0);
 }
 
