@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "drivers/recording_file.h"
+#include "tests/support/free_port.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_directory.h"
 #include "tests/support/two_clock_machine.h"
@@ -66,7 +67,7 @@ class Latencies {
 nlohmann::json run(const std::string& servotwind, double seconds, double ppm,
                    const std::string& interface, bool joined) {
   const test::TemporaryDirectory directory;
-  const int port = CanUdp({"127.0.0.1:0", ""}).port();
+  const int port = test::free_port();
   const auto map_file = directory.file("map.toml", TwoClockMachine::kMap);
   const std::string listen = "127.0.0.1:" + std::to_string(port),
                     kind = interface.empty() ? "udp" : "can",

@@ -10,6 +10,7 @@
 #include "daemon/config/config.h"
 #include "drivers/recording_file.h"
 #include "tests/daemon/http_client.h"
+#include "tests/support/free_port.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_directory.h"
 #include "tests/support/two_clock_machine.h"
@@ -23,9 +24,6 @@ using testing::HasSubstr;
 
 constexpr std::uint32_t kDomain = 92;
 
-/// A port of this host that nobody uses.
-int free_port() { return CanUdp({"127.0.0.1:0", ""}).port(); }
-
 /// The values of `name` in the status of the daemon.
 nlohmann::json clocks_at(int port) {
   return ask(static_cast<std::uint16_t>(port), "GET", "/api/v1/status").json()["clocks"];
@@ -33,7 +31,7 @@ nlohmann::json clocks_at(int port) {
 
 TEST(JoinedMachine, CommandsByDdsAndTheEncoderByCanAreOneMachine) {
   const test::TemporaryDirectory directory;
-  const int can_port = free_port(), http_port = free_port();
+  const int can_port = test::free_port(), http_port = test::free_port();
   const auto map_file = directory.file("map.toml", TwoClockMachine::kMap);
   const std::string machine = "joined-" + std::to_string(getpid());
   const auto config = directory.file(

@@ -1,4 +1,5 @@
 #include "tests/daemon/offset_kill.h"
+#include "tests/support/free_port.h"
 
 #include "drivers/can_udp.h"
 
@@ -8,12 +9,10 @@ namespace {
 using test::OffsetKill;
 
 /// A port that is free now.
-int free_port() { return CanUdp({"127.0.0.1:0", ""}).port(); }
-
 class UdpOffsetKill : public OffsetKill {
  protected:
   UdpOffsetKill() {
-    const std::string place = "127.0.0.1:" + std::to_string(free_port());
+    const std::string place = "127.0.0.1:" + std::to_string(test::free_port());
     auto bus = std::make_unique<CanUdp>(CanUdpPlace{"127.0.0.1:0", place});
     const std::string ours = "127.0.0.1:" + std::to_string(bus->port());
     source_ =
