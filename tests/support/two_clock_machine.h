@@ -12,6 +12,7 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "daemon/between/clock.h"
@@ -40,8 +41,8 @@ class TwoClockMachine {
   }
 
   /// Sends to `bus`, "udp:HOST:PORT" or the name of a CAN interface, by a clock that gains `drift`.
-  TwoClockMachine(const DdsNode& node, const CanMap& map, const std::string& bus, double drift)
-      : frames_(node), encoder_(map), drift_(drift) {
+  TwoClockMachine(const DdsNode& node, CanMap map, const std::string& bus, double drift)
+      : frames_(node), map_(std::move(map)), encoder_(map_), drift_(drift) {
     if (bus.starts_with("udp:")) {
       bus_ = std::make_unique<CanUdp>(CanUdpPlace{"127.0.0.1:0", bus.substr(4)});
     } else {
@@ -92,6 +93,7 @@ class TwoClockMachine {
   }
 
   DdsWriter<MachineFrame> frames_;
+  CanMap map_;
   CanEncoder encoder_;
   std::unique_ptr<CanBus> bus_;
   double drift_;
