@@ -26,8 +26,7 @@ constexpr double kInterfaceCheck_s = 0.1;
 }  // namespace
 
 CanSource::CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing)
-    : stamped_here_(pacing == Pacing::kByStamp),
-      assembly_(std::move(map), pacing),
+    : assembly_(std::move(map), pacing),
       buses_(std::move(buses)),
       queues_(buses_.size()),
       clock_offset_ns_(wall_ns() - steady_ns()),

@@ -40,7 +40,8 @@ class CanSource final : public FrameSource {
   void tell(const MachinePrediction& prediction) noexcept override;
   void show_alarm(std::size_t axis, bool raised) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
-  [[nodiscard]] bool stamped_here() const noexcept override { return stamped_here_; }
+  /// By the kernel; the cycles of packets follow when it received them.
+  [[nodiscard]] bool stamped_here() const noexcept override { return true; }
   [[nodiscard]] SourceState state(std::int64_t now_ns) const override;
   [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
 
@@ -77,7 +78,6 @@ class CanSource final : public FrameSource {
   void detect_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
   [[nodiscard]] Snapshot snapshot() const;
 
-  bool stamped_here_;  // by the kernel, as frames of a bus and not packets are
   CanAssembly assembly_;
   std::vector<std::unique_ptr<CanBus>> buses_;
   struct Carried {
