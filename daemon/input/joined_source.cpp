@@ -100,13 +100,17 @@ std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
   const ClockDifference now = *state(now_ns).clocks;
   const std::string &first = parts_[0].name, &second = parts_[1].name;
   if (now.settled && !reported_settled_) {
-    lines.push_back({"the clock of " + second + " is " + number(1e3 * std::abs(now.ahead_s)) +
-                         " ms " + (now.ahead_s < 0.0 ? "behind" : "ahead of") + " that of " +
-                         first + " and " + (now.drift < 0.0 ? "loses " : "gains ") +
-                         number(std::round(1e7 * std::abs(now.drift)) / 10.0) +
-                         " us a second; what comes from " + second +
-                         " is taken at the time of each cycle",
-                     true});
+    constexpr double kOtherZero_s = 86'400.0;  // it does not count from when the other one does
+    const double ahead_s = std::abs(now.ahead_s);
+    lines.push_back(
+        {"the clock of " + second + " " +
+             (ahead_s > kOtherZero_s ? "has another zero than"
+                                     : "is " + number(1e3 * ahead_s) + " ms " +
+                                           (now.ahead_s < 0.0 ? "behind" : "ahead of")) +
+             " that of " + first + " and " + (now.drift < 0.0 ? "loses " : "gains ") +
+             number(std::round(1e7 * std::abs(now.drift)) / 10.0) +
+             " us a second; what comes from " + second + " is taken at the time of each cycle",
+         true});
   } else if (!now.settled && reported_settled_) {
     lines.push_back({"the clock of " + first + " or " + second + " was set: nothing from " +
                      second + " is used until both are known again"});

@@ -2,17 +2,18 @@
 //
 //   bench_clocks SERVOTWIND SECONDS PPM [INTERFACE]
 //
-// Commands come over DDS at 1 kHz by a clock that is an hour ahead, the encoder in CAN over UDP, or
-// on INTERFACE, by one that gains PPM microseconds a second, 0.37 cycles later. The encoder stands
-// where the command is at the same moment, so that what the daemon records as their difference,
-// over the speed, is the error of the alignment. Prints one JSON object; "commands_alone" is the
-// same daemon with the commands only, at the same time of day.
+// Commands come over DDS at 1 kHz by a clock that is an hour ahead and gains PPM microseconds a
+// second on this host's, the encoder in CAN over UDP, or on INTERFACE, 0.37 cycles later and at 1
+// kHz of this host. The encoder stands where the command is at the same moment, so that what the
+// daemon records as their difference, over the speed, is the error of the alignment. Prints one
+// JSON object; "commands_alone" is the same daemon with the commands only, right afterwards.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -42,13 +43,14 @@ double quantile(std::vector<double> values, double share) {
 /// From the moment of a command to its prediction at a subscriber [us].
 class Latencies {
  public:
-  explicit Latencies(const DdsNode& node) : predictions_(node) {
+  Latencies(const DdsNode& node, const TwoClockMachine& machine)
+      : predictions_(node), machine_(machine) {
     thread_ = std::jthread([this](const std::stop_token& stop) {
       MachinePrediction prediction;
       while (!stop.stop_requested()) {
         if (!predictions_.receive(prediction, 0.1)) continue;
-        us_.push_back(1e-3 * static_cast<double>(daemon::steady_ns() + TwoClockMachine::kAhead_ns -
-                                                 prediction.time_ns));
+        us_.push_back(
+            1e-3 * static_cast<double>(daemon::steady_ns() - machine_.due_ns(prediction.sequence)));
       }
     });
   }
@@ -60,6 +62,7 @@ class Latencies {
 
  private:
   DdsReader<MachinePrediction> predictions_;
+  const TwoClockMachine& machine_;
   std::vector<double> us_;
   std::jthread thread_;
 };
@@ -87,9 +90,9 @@ nlohmann::json run(const std::string& servotwind, double seconds, double ppm,
   place.domain = kDomain;
   place.machine = "clocks";
   const DdsNode node(place);
-  Latencies latencies(node);
   TwoClockMachine machine(node, load_can_map(map_file, Mapped::kChannels),
                           interface.empty() ? "udp:" + listen : interface, 1e-6 * ppm);
+  Latencies latencies(node, machine);
   if (!machine.wait_for_daemon(10.0)) throw std::runtime_error("no daemon: " + daemon.said());
   machine.run(seconds);
   const std::vector<double> late_us = latencies.take();
@@ -98,9 +101,12 @@ nlohmann::json run(const std::string& servotwind, double seconds, double ppm,
   std::vector<double> errors_us;
   std::size_t rows = 0, absent = 0;
   double first_s = kAbsent;
+  std::set<std::filesystem::path> files;  // by name, and so by time
   for (const auto& file :
-       std::filesystem::directory_iterator(directory.path() / "store/recordings/clocks")) {
-    const Recording recording = read_recording(file.path());
+       std::filesystem::directory_iterator(directory.path() / "store/recordings/clocks"))
+    files.insert(file.path());
+  for (const auto& file : files) {
+    const Recording recording = read_recording(file);
     const AxisRecord& axis = recording.axes[0];
     for (std::size_t i = 1; i + 1 < axis.command.size(); ++i) {
       ++rows;

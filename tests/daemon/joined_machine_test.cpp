@@ -57,7 +57,7 @@ TEST(JoinedMachine, CommandsByDdsAndTheEncoderByCanAreOneMachine) {
   sender.run(12.0);
   const nlohmann::json clocks = clocks_at(http_port);
   ASSERT_TRUE(clocks["known"]) << clocks.dump();
-  EXPECT_NEAR(clocks["drift_ppm"], 1e6 * kDrift, 40.0);
+  EXPECT_NEAR(clocks["drift_ppm"], -1e6 * kDrift, 40.0);
   EXPECT_EQ(daemon.end(SIGTERM), 0) << daemon.said();
   EXPECT_THAT(daemon.said(), HasSubstr("the clock of udp is"));
 

@@ -1,6 +1,6 @@
-// A machine whose commands come over DDS and whose encoder comes in CAN over UDP, each by a clock
-// of its own: real sockets, made motion. The encoder stands where the command is, at the same
-// moment, so that whatever lies between them afterwards was made on the way.
+// A machine whose commands come over DDS by a clock of their own, and whose encoder comes in CAN
+// over UDP or on a CAN bus: real sockets, made motion. The encoder stands where the command is at
+// the same moment, so that whatever lies between them afterwards was made on the way.
 #pragma once
 
 #include <time.h>
@@ -8,7 +8,6 @@
 #include <atomic>
 #include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <memory>
 #include <string>
 #include <thread>
@@ -28,8 +27,8 @@ namespace servotwin::test {
 class TwoClockMachine {
  public:
   static constexpr double kCycle_s = 1e-3;
-  static constexpr std::int64_t kAhead_ns =
-      3'600'000'000'000;  // what the command's clock shows more
+  static constexpr std::int64_t kCycle_ns = 1'000'000;
+  static constexpr std::int64_t kAhead_ns = 3'600'000'000'000;  ///< of the clock of the commands
   /// The mapping of the encoder.
   static constexpr const char* kMap =
       "cycle_s = 0.001\n[[bus]]\nname = \"can0\"\n[[axis]]\nname = \"X\"\n"
@@ -40,7 +39,8 @@ class TwoClockMachine {
     return 0.0333 * std::sin(6.0e-9 * static_cast<double>(steady_ns % 1'000'000'000'000));
   }
 
-  /// Sends to `bus`, "udp:HOST:PORT" or the name of a CAN interface, by a clock that gains `drift`.
+  /// `bus`: "udp:HOST:PORT" or the name of a CAN interface. `drift`: what the clock of the commands
+  /// gains on this host's.
   TwoClockMachine(const DdsNode& node, CanMap map, const std::string& bus, double drift)
       : frames_(node), map_(std::move(map)), encoder_(map_), drift_(drift) {
     if (bus.starts_with("udp:")) {
@@ -53,10 +53,15 @@ class TwoClockMachine {
     return frames_.wait_for_readers(1, timeout_s);
   }
   void run(double seconds) {
-    const std::int64_t begin = daemon::steady_ns() + 10'000'000,
-                       cycles = std::llround(seconds / kCycle_s);
-    std::jthread commands([&] { send_commands(begin, cycles); });
-    std::jthread encoder([&] { send_encoder(begin + 370'000, cycles); });
+    begin_ns_ = daemon::steady_ns() + 10 * kCycle_ns;
+    const std::int64_t cycles = std::llround(seconds / kCycle_s);
+    std::jthread commands([&] { send_commands(cycles); });
+    std::jthread encoder([&] { send_encoder(cycles); });
+  }
+  /// When the command of a cycle is sent, by the steady clock of this host. Any thread.
+  [[nodiscard]] std::int64_t due_ns(std::uint64_t cycle) const {
+    const auto by_its_clock = static_cast<double>(kCycle_ns) * static_cast<double>(cycle);
+    return begin_ns_ + std::llround(by_its_clock / (1.0 + drift_));
   }
   /// Cycles that began more than half a cycle late, because this host held the sender up.
   [[nodiscard]] std::uint64_t late() const { return late_; }
@@ -66,24 +71,24 @@ class TwoClockMachine {
     const timespec until{steady / 1'000'000'000, steady % 1'000'000'000};
     while (clock_nanosleep(daemon::kSteadyClock, TIMER_ABSTIME, &until, nullptr) != 0) {
     }
-    if (daemon::steady_ns() - steady > 500'000) ++late_;
+    if (daemon::steady_ns() - steady > kCycle_ns / 2) ++late_;
   }
-  void send_commands(std::int64_t begin, std::int64_t cycles) {
+  void send_commands(std::int64_t cycles) {
     MachineFrame frame;
     frame.axis_count = 1;
     for (std::int64_t k = 0; k < cycles; ++k) {
-      const std::int64_t due = begin + k * 1'000'000;
       frame.sequence = static_cast<std::uint64_t>(k);
-      frame.time_ns = due + kAhead_ns;
+      frame.time_ns = begin_ns_ + k * kCycle_ns + kAhead_ns;
+      const std::int64_t due = due_ns(frame.sequence);
       frame.axes[0].command = place(due);
       sleep_until(due);
       (void)frames_.write(frame);
     }
   }
-  void send_encoder(std::int64_t begin, std::int64_t cycles) {
+  void send_encoder(std::int64_t cycles) {
     std::vector<CanFrame> batch(2);
     for (std::int64_t k = 0; k < cycles; ++k) {
-      const std::int64_t due = begin + std::llround(1e6 * static_cast<double>(k) / (1.0 + drift_));
+      const std::int64_t due = begin_ns_ + kEncoderLater_ns + k * kCycle_ns;
       (void)encoder_.set(0, CanChannel::kActual, place(due));
       batch[0] = encoder_.start();
       batch[1] = encoder_.frame(0);
@@ -91,12 +96,14 @@ class TwoClockMachine {
       (void)bus_->send(batch);
     }
   }
+  static constexpr std::int64_t kEncoderLater_ns = 370'000;
 
   DdsWriter<MachineFrame> frames_;
   CanMap map_;
   CanEncoder encoder_;
   std::unique_ptr<CanBus> bus_;
   double drift_;
+  std::atomic<std::int64_t> begin_ns_{0};
   std::atomic<std::uint64_t> late_{0};
 };
 
