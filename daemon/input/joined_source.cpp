@@ -107,9 +107,8 @@ std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
              (ahead_s > kOtherZero_s ? "has another zero than"
                                      : "is " + number(1e3 * ahead_s) + " ms " +
                                            (now.ahead_s < 0.0 ? "behind" : "ahead of")) +
-             " that of " + first + " and " + (now.drift < 0.0 ? "loses " : "gains ") +
-             number(std::round(1e7 * std::abs(now.drift)) / 10.0) +
-             " us a second; what comes from " + second + " is taken at the time of each cycle",
+             " that of " + first + "; what comes from " + second +
+             " is taken at the time of each cycle",
          true});
   } else if (!now.settled && reported_settled_) {
     lines.push_back({"the clock of " + first + " or " + second + " was set: nothing from " +
