@@ -98,9 +98,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
     if (const std::string also = encoders ? encoders_beside(*encoders, cause.id) : "";
         !also.empty())
       say(people, "              " + also);
-    // A repair that lowers the tracking error by less than a thousandth is not printed.
-    // Removing a feature of the control that helps the axis is no repair.
-    if (cause.gain.tracking_now - cause.gain.tracking_repaired > 1e-3 * cause.gain.tracking_now) {
+    if (worth_a_repair(cause.gain)) {
       std::string repair =
           text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
                1e6 * cause.gain.tracking_repaired, micro(rotary));
@@ -193,10 +191,14 @@ void run_on_torque(const DiagnoseArguments& arguments, const SegmentedAxis& axis
   if (encoders) say(people, "encoders    " + plain_text(*encoders));
   if (!arguments.result.empty()) {
     nlohmann::json result = torque_alone(torque, reason);
+    result["in_short"] = in_short(torque, reason);
     if (encoders) result["encoder_difference"] = to_json(*encoders);
     write_json(arguments.result, result);
   }
-  if (!arguments.report.empty()) write_result(arguments.report, torque_page(torque, axis.source));
+  say(people, "");
+  for (const std::string& sentences : in_short(torque, reason)) say(people, sentences);
+  if (!arguments.report.empty())
+    write_result(arguments.report, torque_page(torque, axis.source, reason));
 }
 
 /// Nothing if there is no torque or too little of it; the latter is printed.
@@ -229,6 +231,8 @@ void run(const DiagnoseArguments& arguments) {
     diagnosis = arguments.earlier.empty()
                     ? diagnose(axis, arguments.options)
                     : compare(axis, read_model(arguments.earlier), arguments.options);
+  } catch (const UnusableRecording&) {
+    throw;  // what is wrong with the motion is wrong for the torque
   } catch (const std::runtime_error& error) {
     if (!has_torque(axis) || !arguments.earlier.empty()) throw;
     const std::string reason = error.what();

@@ -84,6 +84,10 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
   const std::string share = micro_text(left, record.rotary, 3) +
                             " RMS left of a tracking error of " +
                             micro_text(error, record.rotary, 3) + " on held-out motion";
+  constexpr double kMaxRmsOverFloor = 1.2;
+  if (explained < kMinExplained && left <= kMaxRmsOverFloor * record.noise_floor.rms)
+    return "as good as this encoder shows: " + share +
+           ", which is the encoder's own noise: a finer encoder or a longer motion tells more";
   if (explained < kMinExplained)
     return "weak: " + share + "; 'servotwin diagnose' tells what is missing";
   if (!record.excitation.empty())
@@ -175,7 +179,8 @@ void run(const IdentifyArguments& arguments) {
   identified.record.created = now_utc();
   identified.record.source = arguments.input.source();
 
-  say_result(people, identified, axis.segments, arguments.details);
+  if (identified.refusals.empty() || arguments.details)
+    say_result(people, identified, axis.segments, arguments.details);
   if (!arguments.result.empty()) write_json(arguments.result, to_json(identified));
   if (!identified.refusals.empty()) {
     std::string why = "the model must not be used: ";
@@ -301,8 +306,9 @@ Command add_identify(CLI::App& app) {
       .between(0.0, 0.05);
   command.flag("--whole", arguments->whole,
                "use all of a recording of more than 240 s, and not its most informative 120 s");
-  command.flag("--details", arguments->details,
-               "print also the structures that were ruled out, and why");
+  command.flag(
+      "--details", arguments->details,
+      "print also the structures that were ruled out, and why, and a model that is refused");
   command.flag("--no-pole-constraints", arguments->no_pole_constraints,
                "full-ls: accept any poles");
   return {command.app(), [arguments] { run(*arguments); }};

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/command.h"
+#include "diagnosis/text.h"
 #include "drivers/file_handle.h"
 
 namespace servotwin::cli {
@@ -21,7 +22,7 @@ std::string text(const char* format, ...) {
   std::string out(static_cast<std::size_t>(std::max(length, 0)), '\0');
   std::vsnprintf(out.data(), out.size() + 1, format, again);
   va_end(again);
-  return out;
+  return without_powers(std::move(out));
 }
 
 std::FILE* people_beside(std::initializer_list<std::filesystem::path> results) {

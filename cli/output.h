@@ -14,7 +14,7 @@
 
 namespace servotwin::cli {
 
-/// A string formatted as by printf.
+/// A string formatted as by printf, without powers of ten from 100 to 99999 (diagnosis/text.h).
 [[gnu::format(printf, 1, 2)]] [[nodiscard]] std::string text(const char* format, ...);
 
 [[nodiscard]] inline bool is_stdout(const std::filesystem::path& file) { return file == "-"; }

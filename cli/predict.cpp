@@ -17,6 +17,7 @@
 #include "identification/loop/identify.h"
 #include "identification/model/json_number.h"
 #include "identification/model/motion_reach.h"
+#include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/program_error.h"
 #include "twin/shown_units.h"
@@ -230,6 +231,8 @@ PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording&
         axis.source + ": " + axis.axis +
         ".actual has no values to compare with; servotwin simulate needs none");
   }
+  if (const std::string why = why_implausible(axis.segments, axis.rotary); !why.empty())
+    throw std::runtime_error(axis.source + ": " + axis.axis + ".command " + why);
   if (record.axis != axis.axis) {
     say(people, "note: the model was identified on axis " + record.axis +
                     ", the recording is of axis " + axis.axis);

@@ -142,8 +142,7 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
   if (!std::isfinite(now) || !std::isfinite(then)) return {};
   const char *what = path ? "contour error" : "tracking error",
              *unit = micro(path ? false : rotary);
-  constexpr double kMinWorth = 0.02;  // of the error: less is not worth a repair
-  if (!(then < (1.0 - kMinWorth) * now))
+  if (!worth_a_repair(gain))
     return text(" Without it the %s of this motion would stay at %s RMS.", what,
                 micro_text(now, !path && rotary, 3).c_str());
   return text(" Without it the %s of this motion would be %.3g %s RMS instead of %.3g.", what,

@@ -293,8 +293,12 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
     std::string out;
     for (const Moved& moved : cause.moved)
       out += (out.empty() ? "" : ", ") + moved_text(moved, diagnosis.baseline.rotary);
-    for (const auto& [name, count] : cause.counts)
-      out += (out.empty() ? "" : ", ") + text("%.0f ", count) + name;
+    for (const auto& [name, count] : cause.counts) {
+      if (count == 0.0) continue;
+      const bool gap = name == "gaps";  // "1 gap", but "1 missing"
+      out +=
+          (out.empty() ? "" : ", ") + text("%.0f ", count) + (gap && count == 1.0 ? "gap" : name);
+    }
     return out;
   }
   const Effect& effect = diagnosis.extended.model.effects[cause.place];

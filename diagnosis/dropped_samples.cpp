@@ -48,7 +48,11 @@ std::size_t bridge_held(Segment& s, double step) {
 DroppedSamples bridge_dropped(SegmentedAxis& axis, double encoder_step) {
   DroppedSamples out;
   out.missing = axis.report.samples_bridged;
-  out.gaps = axis.report.splits.size();
+  const auto& splits = axis.report.splits;
+  out.gaps =
+      static_cast<std::size_t>(std::count_if(splits.begin(), splits.end(), [](const auto& split) {
+        return split.length_s <= kLongestLoss_s;
+      }));
   for (Segment& s : axis.segments) out.held += bridge_held(s, encoder_step);
   return out;
 }

@@ -11,9 +11,12 @@
 
 namespace servotwin {
 
+/// A recorder that loses more at once has been stopped and started: two captures, no loss.
+inline constexpr double kLongestLoss_s = 1.0;
+
 struct DroppedSamples {
   std::size_t missing = 0;  ///< missing rows, interpolated when the recording was read
-  std::size_t gaps = 0;     ///< longer gaps, at which the recording was split
+  std::size_t gaps = 0;     ///< longer gaps, at which the recording was split, up to kLongestLoss_s
   std::size_t held = 0;     ///< samples with a held value
   /// Whether samples were lost. One or two repeated values may be real motion.
   [[nodiscard]] bool any() const { return missing + gaps > 0 || held > 2; }

@@ -59,6 +59,14 @@ std::pair<double, double> simulated_rms(const Model& model, const std::vector<Se
 
 }  // namespace
 
+bool worth_a_repair(const Gain& gain) {
+  constexpr double kMinWorth = 0.02;
+  const bool path = std::isfinite(gain.contour_repaired);
+  const double now = path ? gain.contour_now : gain.tracking_now,
+               then = path ? gain.contour_repaired : gain.tracking_repaired;
+  return then < (1.0 - kMinWorth) * now;
+}
+
 double worth_of(const Gain& gain) {
   return std::isfinite(gain.before) ? gain.before * gain.before - gain.after * gain.after : 0.0;
 }

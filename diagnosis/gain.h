@@ -20,6 +20,10 @@ struct Gain {
   double contour_now = kAbsent, contour_repaired = kAbsent;
 };
 
+/// Whether a repair would lower the contour error, or the tracking error where that is not known,
+/// by so much that it is worth a word: 2 %.
+[[nodiscard]] bool worth_a_repair(const Gain& gain);
+
 /// before^2 - after^2 [m^2 | rad^2]; 0 where the gain was not measured.
 [[nodiscard]] double worth_of(const Gain& gain);
 

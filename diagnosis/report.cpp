@@ -185,7 +185,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
                text("%.3g %s RMS without this cause in the model, %.3g %s RMS with it",
                     1e6 * cause.gain.before, unit, 1e6 * cause.gain.after, unit));
   const Gain& gain = cause.gain;
-  if (std::isfinite(gain.tracking_repaired)) {
+  if (worth_a_repair(gain)) {
     std::string repair = text("tracking error %.4g %s RMS instead of %.4g",
                               1e6 * gain.tracking_repaired, unit, 1e6 * gain.tracking_now);
     if (std::isfinite(gain.contour_repaired))

@@ -1,4 +1,5 @@
 #include "diagnosis/torque_text.h"
+#include "diagnosis/cause_words.h"
 
 #include <algorithm>
 #include <cmath>
@@ -117,10 +118,30 @@ std::string check_of(const TorqueCause& cause) {
   return advice_for(cause.id, rises);
 }
 
-std::string sizes_of(const TorqueCause& cause) {
+/// "breakaway 0.381 Nm" of breakaway_nm.
+std::string size_of(const TorqueDiagnosis& torque, std::string name, double value) {
+  struct Suffix {
+    std::string key, unit;
+    double scale;
+  };
+  const std::array suffixes{Suffix{"_" + key_of_unit(torque.unit), torque.unit, 1.0},
+                            Suffix{"_m", torque.rotary ? "rad" : "mm", torque.rotary ? 1.0 : 1e3},
+                            Suffix{"_rad", "rad", 1.0}, Suffix{"_s", "s", 1.0},
+                            Suffix{"_hz", "Hz", 1.0}};
+  for (const Suffix& suffix : suffixes) {
+    if (!name.ends_with(suffix.key)) continue;
+    name.resize(name.size() - suffix.key.size());
+    std::replace(name.begin(), name.end(), '_', ' ');
+    return name + text(" %.4g ", suffix.scale * value) + suffix.unit;
+  }
+  std::replace(name.begin(), name.end(), '_', ' ');
+  return name + text(" %.4g", value);
+}
+
+std::string sizes_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
   std::string out;
   for (const auto& [name, value] : cause.parameters)
-    out += (out.empty() ? "" : ", ") + name + text(" %.5g", value);
+    out += (out.empty() ? "" : ", ") + size_of(torque, name, value);
   return out;
 }
 
@@ -254,7 +275,7 @@ std::string torque_beside(const TorqueDiagnosis& torque, const std::string& id) 
     if (cause.id != id) continue;
     std::string out = "by torque as well: " + gain_text(cause, torque.unit) +
                       text(", confidence %.0f %%", 100.0 * cause.confidence);
-    if (const std::string sizes = sizes_of(cause); !sizes.empty()) out += "; " + sizes;
+    if (const std::string sizes = sizes_of(torque, cause); !sizes.empty()) out += "; " + sizes;
     return out;
   }
   return {};
@@ -273,7 +294,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
                        ? text(" (gain %.2g to %.2g)", cause.gain.low, cause.gain.high)
                        : "") +
                   text(", confidence %.0f %%", 100.0 * cause.confidence));
-    out.push_back("              " + sizes_of(cause));
+    out.push_back("              " + sizes_of(torque, cause));
     for (const Harmonic& harmonic : cause.harmonics)
       out.push_back("              " + line_of(torque, harmonic));
     for (const std::string& rival : cause.ambiguous_with) {
@@ -305,10 +326,10 @@ std::string torque_section(const TorqueDiagnosis& torque) {
       "<table><tr><th>cause</th><th>size</th><th>torque residual without it</th><th>with it</th>"
       "<th>gain, 95 %</th><th>confidence</th><th>what to check</th></tr>\n";
   for (const TorqueCause& cause : torque.causes) {
-    std::string sizes = escaped(sizes_of(cause));
+    std::string sizes = escaped(sizes_of(torque, cause));
     for (const Harmonic& harmonic : cause.harmonics)
       sizes += "<br>" + escaped(line_of(torque, harmonic));
-    out += "<tr><td>" + escaped(cause.id) + "</td><td>" + sizes + "</td>" +
+    out += "<tr><td>" + escaped(plain_name(cause.id)) + "</td><td>" + sizes + "</td>" +
            (std::isfinite(cause.gain.before)
                 ? text("<td>%.4g %s</td><td>%.4g %s</td><td>", cause.gain.before,
                        torque.unit.c_str(), cause.gain.after, torque.unit.c_str())
@@ -317,14 +338,46 @@ std::string torque_section(const TorqueDiagnosis& torque) {
                 ? text("%.2g to %.2g %s", cause.gain.low, cause.gain.high, torque.unit.c_str())
                 : "") +
            text("</td><td>%.0f %%", 100.0 * cause.confidence);
-    for (const std::string& rival : cause.ambiguous_with) out += "<br>or " + escaped(rival);
+    for (const std::string& rival : cause.ambiguous_with)
+      out += "<br>or " + escaped(plain_name(rival));
     out += "</td><td>" + escaped(check_of(cause)) + "; see <code>" + cause_page(cause.id) +
            "</code></td></tr>\n";
   }
   return out + "</table>\n";
 }
 
-std::string torque_page(const TorqueDiagnosis& torque, const std::string& source) {
+std::vector<std::string> in_short(const TorqueDiagnosis& torque, const std::string& reason) {
+  std::vector<std::string> out;
+  const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
+  if (torque.causes.empty()) {
+    out.push_back("The torque of axis " + torque.axis +
+                  " shows nothing but its mass, friction and weight: " + left +
+                  " of it are left on held-out motion.");
+  } else {
+    const TorqueCause& first = torque.causes.front();
+    std::string line = "The torque of axis " + torque.axis + " shows " + plain_name(first.id);
+    if (const std::string sizes = sizes_of(torque, first); !sizes.empty())
+      line += " (" + sizes + ")";
+    for (std::size_t i = 1; i < torque.causes.size(); ++i)
+      line += (i == 1 ? "; further " : "; ") + plain_name(torque.causes[i].id);
+    line += ".";
+    if (std::isfinite(first.gain.before))
+      line += text(" On held-out motion %.3g %s RMS of the torque are left instead of ",
+                   torque.extended_rms, torque.unit.c_str()) +
+              left + (explained(torque) ? "." : ": the rest is not explained.");
+    if (const std::string advice = check_of(first); !advice.empty())
+      line += " Check first: " + advice + ".";
+    out.push_back(std::move(line));
+  }
+  out.push_back("How the axis follows its command was not judged: " + reason + ".");
+  return out;
+}
+
+std::string torque_page(const TorqueDiagnosis& torque, const std::string& source,
+                        const std::string& reason) {
+  std::string sentences;
+  for (const std::string& one : in_short(torque, reason))
+    sentences += "<p>" + escaped(one) + "</p>\n";
   return "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
          "content='width=device-width'>\n<title>Axis " +
          escaped(torque.axis) +
@@ -334,8 +387,8 @@ std::string torque_page(const TorqueDiagnosis& torque, const std::string& source
          "code{overflow-wrap:anywhere}td,th{padding:.3rem .8rem;"
          "text-align:left;border-bottom:1px solid #8884}svg{max-width:100%;height:auto}</style>"
          "</head><body>\n<h1>Axis " +
-         escaped(torque.axis) + "</h1>\n<p>" + escaped(source) + "</p>\n" + torque_section(torque) +
-         "</body></html>\n";
+         escaped(torque.axis) + "</h1>\n<p>" + escaped(source) + "</p>\n" + sentences +
+         torque_section(torque) + "</body></html>\n";
 }
 
 }  // namespace servotwin

@@ -27,6 +27,12 @@ void add_torque(nlohmann::json& file, const TorqueDiagnosis& torque);
 
 /// The torque diagnosis as a section of the report, and as a report of its own, in HTML.
 [[nodiscard]] std::string torque_section(const TorqueDiagnosis& torque);
-[[nodiscard]] std::string torque_page(const TorqueDiagnosis& torque, const std::string& source);
+/// `reason`: why the position loop was not diagnosed.
+[[nodiscard]] std::string torque_page(const TorqueDiagnosis& torque, const std::string& source,
+                                      const std::string& reason);
+
+/// A diagnosis by the torque alone in a few sentences for people (as diagnosis/in_short.h).
+[[nodiscard]] std::vector<std::string> in_short(const TorqueDiagnosis& torque,
+                                                const std::string& reason);
 
 }  // namespace servotwin

@@ -51,6 +51,8 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
   try {
     out.loop =
         earlier ? compare(axis.segmented, *earlier, options) : diagnose(axis.segmented, options);
+  } catch (const UnusableRecording&) {
+    throw;
   } catch (const std::runtime_error& error) {
     if (!has_torque(axis.segmented) || earlier || options.stop.stop_requested()) throw;
     out.reason = error.what();
@@ -67,7 +69,8 @@ nlohmann::json json_of(const Diagnosed& diagnosed) {
   nlohmann::json out = diagnosed.loop ? to_json(*diagnosed.loop, "")
                                       : torque_alone(*diagnosed.torque, diagnosed.reason);
   if (diagnosed.loop && diagnosed.torque) add_torque(out, *diagnosed.torque);
-  if (diagnosed.loop) out["in_short"] = in_short(*diagnosed.loop, diagnosed.torque);
+  out["in_short"] = diagnosed.loop ? in_short(*diagnosed.loop, diagnosed.torque)
+                                   : in_short(*diagnosed.torque, diagnosed.reason);
   if (const auto encoders = encoder_difference(diagnosed.axis))
     out["encoder_difference"] = to_json(*encoders);
   return out;
@@ -108,7 +111,7 @@ const Diagnosis& loop_of(const Diagnosed& diagnosed) {
 }
 
 std::string page_of(const Diagnosed& d) {
-  if (!d.loop) return torque_page(*d.torque, d.axis.source);
+  if (!d.loop) return torque_page(*d.torque, d.axis.source, d.reason);
   return report_html(*d.loop, d.axis.segments, d.axis.source, d.torque, encoder_difference(d.axis));
 }
 

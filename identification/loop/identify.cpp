@@ -199,13 +199,26 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
         encoder_leads(segments)
             ? message("the encoder leads its command by ", -1e3 * lag,
                       " ms: the two columns may be exchanged")
-            : message("the model that fits best moves ", -1e3 * lag,
-                      " ms before its command, but the encoder does not: command and encoder "
-                      "are not those of one linear servo loop; check that both columns are of "
-                      "this axis, in the same unit and stamped by one clock, and that the "
-                      "sensor is fine enough"));
+            : "the model that fits best moves before its command, but the encoder does not: "
+              "command and encoder are not those of one linear servo loop; check that both "
+              "columns are positions of this axis, in the same unit and stamped by one clock, and "
+              "that the sensor is fine enough");
   }
   return out;
+}
+
+/// Why a loop with these poles may be faster than its recording shows; empty: it is not.
+std::string why_too_few_samples(const PoleSet& poles, double sample_time_s) {
+  // Up to half of the rate a vibration is seen at all; a fit to too few samples ends there,
+  // wherever the poles are.
+  constexpr double kMaxFrequency = 0.4;
+  constexpr double kEnough = 20.0;  // samples in a period
+  const double frequency_hz = poles.omega / kTwoPi;
+  if (!(frequency_hz * sample_time_s > kMaxFrequency)) return {};
+  return message("the pole pair is found at ", frequency_hz, " Hz, and ") +
+         message("", 1.0 / sample_time_s,
+                 " samples per second do not show whether it is faster: record at least ") +
+         message("", std::ceil(kEnough * frequency_hz), " samples per second, better 1000");
 }
 
 /// The structure that this model has.
@@ -294,7 +307,8 @@ std::string why_scaled(const std::vector<Segment>& segments) {
   const double slope = product / square;
   if (!(square > 0.0) || (slope * kMaxMotionRatio > 1.0 && slope < kMaxMotionRatio)) return {};
   return message("the encoder moves ", slope,
-                 " times as far as its command: check the units and signs of both columns");
+                 " times as far as its command: check the units and signs of both columns, and "
+                 "that they are of one axis");
 }
 
 ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, double skip_s) {
@@ -438,11 +452,16 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
   fill_deviations(record, poles, covariance, nonlinear);
   if (auto why = why_invalid(record.model); !why.empty()) {
-    out.refusals.push_back(why);
+    out.refusals.push_back("the model that fits best is none of an axis (" + why +
+                           "): command and encoder are not those of one servo loop by one clock");
     return out;
   }
   record.training = judge(record.model, training);
   record.holdout = judge(record.model, judged_on);
+  if (std::string why = why_too_few_samples(poles, axis.sample_time_s); !why.empty()) {
+    out.unusable = true;
+    out.refusals.push_back(std::move(why));
+  }
   if (fit->fit.on_bound) {
     record.excitation.push_back(
         message("poles lie on the search bounds: this motion does not determine them; ",
@@ -450,8 +469,10 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
   for (std::string& line : loosely_known(record, poles))
     record.excitation.push_back(std::move(line));
-  for (std::string& line : exchanged_or_scaled(record.model, training))
+  for (std::string& line : exchanged_or_scaled(record.model, training)) {
+    out.unusable = out.unusable || line.find("exchanged") != line.npos;
     out.refusals.push_back(std::move(line));
+  }
   if (!std::isfinite(record.holdout.rms)) {
     out.refusals.push_back(
         "the held-out segments are too short to validate a model; record longer segments");

@@ -223,7 +223,8 @@ std::vector<std::string> mend_encoder(AxisRecord& axis, double step_s,
   const std::optional<Ratio> found = ratio_of(axis, at_rest);
   if (!found || !(found->left < limits.unexplained)) return out;
   const double ratio = std::abs(found->ratio);
-  if (!(ratio > 0.5 && ratio < 2.0)) return out;
+  constexpr double kMaxRatio = 2.5;  // a diameter for a radius is 2; beyond, it is another axis
+  if (!(ratio * kMaxRatio > 1.0 && ratio < kMaxRatio)) return out;
   if (found->ratio < 0.0) {
     rescale(axis, -1.0, 0.0);
     out.push_back("the encoder counts against its command: its sign is reversed");

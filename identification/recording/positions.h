@@ -5,7 +5,7 @@
 //   1. Positions that go round (0 to 360 degrees) are unwrapped (turns.h).
 //   2. Single wrong values of the encoder are left out (spikes.h).
 //   3. An encoder that counts against its command gets the other sign.
-//   4. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
+//   4. An encoder that moves 0.4 to 2.5 times as far as its command, and not as far, is divided by
 //      that ratio (gear ratio, unit or pitch). Only where it rested at places far apart: in motion
 //      a lag can look like a ratio.
 //   5. An encoder whose zero is elsewhere at rest gets that of the command; where it may as well be

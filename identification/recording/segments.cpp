@@ -487,13 +487,13 @@ void require_motion(const SegmentedAxis& axis) {
   // A slow position loop has its bandwidth at 5 Hz, which four samples in a period still show.
   constexpr double kMaxSamplingTime_s = 0.05;
   if (axis.sample_time_s < kMinSamplingTime_s) {
-    throw std::runtime_error(axis.source + ": " + axis.axis + ": " +
-                             number(1.0 / axis.sample_time_s) +
-                             " samples per second is no rate of a servo: is the unit of the time "
-                             "right?");
+    throw UnusableRecording(axis.source + ": " + axis.axis + ": " +
+                            number(1.0 / axis.sample_time_s) +
+                            " samples per second is no rate of a servo: is the unit of the time "
+                            "right?");
   }
   if (axis.sample_time_s > kMaxSamplingTime_s) {
-    throw std::runtime_error(
+    throw UnusableRecording(
         axis.source + ": " + axis.axis + ": one sample every " + number(axis.sample_time_s) +
         " s is too slow to identify a servo loop, whose transient lasts some "
         "10 ms: record at least every " +
@@ -520,11 +520,16 @@ void require_motion(const SegmentedAxis& axis) {
   require("command", &Segment::command);
   require("actual", &Segment::actual);
   if (const std::string why = why_implausible(axis.segments, axis.rotary); !why.empty())
-    throw std::runtime_error(axis.source + ": " + axis.axis + ".command " + why);
+    throw UnusableRecording(axis.source + ": " + axis.axis + ".command " + why);
   if (const std::string why = why_not_following(axis.segments, axis.rotary); !why.empty())
-    throw std::runtime_error(axis.source + ": " + axis.axis + ".actual " + why);
+    throw UnusableRecording(axis.source + ": " + axis.axis + ".actual " + why);
+  if (std::all_of(axis.segments.begin(), axis.segments.end(),
+                  [](const Segment& s) { return (s.actual == s.command).all(); }))
+    throw UnusableRecording(axis.source + ": " + axis.axis +
+                            ".actual is equal to the command in every sample: record the encoder, "
+                            "not a copy of the command");
   if (const std::string why = why_at_another_time(axis.segments); !why.empty())
-    throw std::runtime_error(axis.source + ": " + axis.axis + ".actual " + why);
+    throw UnusableRecording(axis.source + ": " + axis.axis + ".actual " + why);
 }
 
 }  // namespace servotwin

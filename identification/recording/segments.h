@@ -11,6 +11,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -101,7 +102,14 @@ double append(SegmentedAxis& axis, SegmentedAxis next);
                                        double to_s);
 
 /// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
-/// an axis at rest. Also if the command is faster or longer than any machine: its unit is wrong.
+/// an axis at rest. Throws UnusableRecording if the command is faster or longer than any machine
+/// (its unit is wrong), or the encoder is a copy of it.
 void require_motion(const SegmentedAxis& axis);
+
+/// What no diagnosis can use, whatever else was recorded: wrong units, too few samples in a second,
+/// exchanged columns.
+struct UnusableRecording : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
 }  // namespace servotwin

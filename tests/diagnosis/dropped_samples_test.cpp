@@ -77,7 +77,8 @@ TEST(DroppedSamples, AnAxisThatSticksIsNone) {
 TEST(DroppedSamples, RowsThatTheReaderBridgedAreReported) {
   SegmentedAxis axis = moving();
   axis.report.samples_bridged = 3;
-  axis.report.splits.push_back({1.0, 7.7});
+  axis.report.splits.push_back({1.0, 0.7});
+  axis.report.splits.push_back({5.0, 7.7});  // the recorder was stopped and started
   const DroppedSamples dropped = bridge_dropped(axis, kEncoderStep);
   EXPECT_EQ(dropped.missing, 3U);
   EXPECT_EQ(dropped.gaps, 1U);
