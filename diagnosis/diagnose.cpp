@@ -11,6 +11,7 @@
 #include "diagnosis/selection.h"
 #include "diagnosis/text.h"
 #include "diagnosis/unexplained.h"
+#include "identification/loop/deviations.h"
 #include "identification/loop/joint.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
@@ -365,7 +366,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   out.extended.holdout = judge(out.baseline.model, holdout);
   if (!found.empty() || current.structure.effects != baseline_effects)
     set_extended(out.extended, "diagnosis", current.model, training, holdout);
-  out.extended.effect_deviations.assign(out.extended.model.effects.size(), {});
+  set_deviations(out.extended, training, floor.encoder_step);
 
   const Model& extended = out.extended.model;
   std::map<std::string, Found> causes = found;
@@ -401,7 +402,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.not_understood = out.extended.model.effects.size();
     out.extended.model = *better;
     out.extended.method = "diagnosis";
-    out.extended.effect_deviations.emplace_back();
+    set_deviations(out.extended, training, floor.encoder_step);
     out.extended.training = judge(*better, training);
     out.extended.holdout = judge(*better, holdout);
     conclude(out, recorded, holdout, floor, options);

@@ -350,9 +350,8 @@ std::vector<std::string> in_short(const TorqueDiagnosis& torque, const std::stri
   std::vector<std::string> out;
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
   if (torque.causes.empty()) {
-    out.push_back("The torque of axis " + torque.axis +
-                  " shows nothing but its mass, friction and weight: " + left +
-                  " of it are left on held-out motion.");
+    out.push_back("No known cause stands out in the torque of axis " + torque.axis +
+                  "; mass, friction and weight leave " + left + " of it on held-out motion.");
   } else {
     const TorqueCause& first = torque.causes.front();
     std::string line = "The torque of axis " + torque.axis + " shows " + plain_name(first.id);

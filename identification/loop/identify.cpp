@@ -6,6 +6,7 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "identification/loop/deviations.h"
 #include "identification/loop/full_ls.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/message.h"
@@ -81,65 +82,6 @@ std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet&
           std::sqrt(variance), 1.0, "needs reversals at low and at high speed");
   }
   return out;
-}
-
-/// `all`: covariance of the parameters, with a1..an at `nonlinear`.
-void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::MatrixXd& all,
-                     Eigen::Index nonlinear) {
-  const int n = record.model.loop.order;
-  const auto sd = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, all(i, i))); };
-  for (int i = 0; i < n; ++i) record.numerator_deviation[static_cast<std::size_t>(i)] = sd(i);
-  for (int i = 0; i < n; ++i)
-    record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
-
-  // From a1..an to the poles: the inverse Jacobian of the coefficients by the poles.
-  Eigen::MatrixXd by_poles(n, n);
-  std::array<double, 3> pole{poles.real, poles.omega, poles.zeta};
-  for (int j = 0; j < n; ++j) {
-    const auto k = static_cast<std::size_t>(n == 3 ? j : j + 1);
-    auto up = pole, down = pole;
-    const double d = 1e-6 * std::max(std::abs(pole[k]), 1e-6);
-    up[k] += d, down[k] -= d;
-    const auto a_up = denominator_of({up[0], up[1], up[2]}, n),
-               a_down = denominator_of({down[0], down[1], down[2]}, n);
-    for (int i = 0; i < n; ++i) {
-      const auto row = static_cast<std::size_t>(i);
-      by_poles(i, j) = (a_up[row] - a_down[row]) / (2.0 * d);
-    }
-  }
-  // The values of loop_covariance.h by those of `all`.
-  Eigen::MatrixXd values = Eigen::MatrixXd::Zero(kLoopValues, all.cols());
-  values.block(3 - n, nonlinear, n, n) = inverse(by_poles);
-  for (int i = 0; i < n; ++i) values(3 + i, i) = 1.0;
-
-  Eigen::Index shape = nonlinear + n, linear = n;
-  for (const Effect& effect : record.model.effects) {
-    EffectDeviations deviations;
-    if (effect.kind == kind_of<TimeDelay>()) values(kLoopValues - 1, shape) = 1.0;
-    for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p)
-      deviations.shape[p] = sd(shape++);
-    std::size_t c = 0;
-    for (const Parameter& parameter : coefficients_of(effect.kind)) {
-      deviations.coefficient[c++] =
-          told_from_loop(parameter, record.model.loop.order) ? sd(linear++) : kAbsent;
-    }
-    record.effect_deviations.push_back(deviations);
-  }
-  for (std::size_t i = 0; i < record.model.loop.modes.size(); ++i) {
-    record.mode_deviations.push_back(
-        {sd(shape), sd(shape + 1), sd(linear), sd(linear + 1), sd(shape + 2), sd(shape + 3)});
-    shape += kModeShapes;
-    linear += 2;
-  }
-  for (std::size_t i = 0; i < record.mode_deviations.size() && shape < all.cols(); ++i) {
-    record.mode_deviations[i].slope = sd(shape++);
-    record.mode_deviations[i].curve = sd(shape++);
-    record.mode_deviations[i].zeta_slope = sd(shape++);
-  }
-  const LoopCovariance covariance = values * all * values.transpose();
-  if (covariance.allFinite()) record.loop_covariance = 0.5 * (covariance + covariance.transpose());
-  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, covariance(i, i))); };
-  record.pole_deviation = {pole_sd(0), pole_sd(1), pole_sd(2)};
 }
 
 /// The tracking error itself: the residual of a model that predicts none of it.
@@ -219,18 +161,6 @@ std::string why_too_few_samples(const PoleSet& poles, double sample_time_s) {
          message("", 1.0 / sample_time_s,
                  " samples per second do not show whether it is faster: record at least ") +
          message("", std::ceil(kEnough * frequency_hz), " samples per second, better 1000");
-}
-
-/// The structure that this model has.
-Structure structure_of(const Model& model) {
-  Structure structure;
-  structure.order = model.loop.order;
-  for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
-  structure.matched_feedforward = model.find(kind_of<TimeDelay>()) != nullptr;
-  structure.modes = static_cast<int>(model.loop.modes.size());
-  structure.moving = std::any_of(model.loop.modes.begin(), model.loop.modes.end(),
-                                 [](const Mode& mode) { return mode.moves(); });
-  return structure;
 }
 
 }  // namespace
@@ -450,7 +380,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.condition_number = fit->condition_number;
   // Of the possible assignments of the poles, the one nearest to that of the projected fit.
   const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
-  fill_deviations(record, poles, covariance, nonlinear);
+  set_deviations(record, poles, covariance, nonlinear);
   if (auto why = why_invalid(record.model); !why.empty()) {
     out.refusals.push_back("the model that fits best is none of an axis (" + why +
                            "): command and encoder are not those of one servo loop by one clock");

@@ -392,6 +392,18 @@ double most_probable_sigma(const Eigen::VectorXd& r, double encoder_step) {
   return best;
 }
 
+std::optional<Eigen::MatrixXd> covariance_of(const Coordinates& coordinates,
+                                             const Eigen::VectorXd& x,
+                                             const std::vector<Segment>& segments,
+                                             Eigen::Index settled,
+                                             const ReadingLikelihood& likelihood) {
+  Missed at = missed_with_derivatives(coordinates, x.data(), segments, settled);
+  if (!at.r.allFinite() || !at.by.allFinite()) return std::nullopt;
+  const Eigen::VectorXd g = weighted(likelihood, at.r, at.by);
+  const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
+  return by_x * robust_covariance(at.by, g, segments.front().sample_time_s) * by_x.transpose();
+}
+
 }  // namespace
 
 std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
@@ -399,7 +411,6 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
                                            const OutputErrorOptions& options) {
   if (!why_invalid(start).empty() || segments.empty()) return std::nullopt;
   const Coordinates coordinates(structure, start, length_scale(segments));
-  const double h = segments.front().sample_time_s;
   const Eigen::Index settled = starting_state_samples(start, segments.front());
   Eigen::VectorXd x = coordinates.of(start);
   Eigen::VectorXd r = missed(start, segments, settled);
@@ -433,12 +444,22 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
   for (const double value : r) fit.minus_log_likelihood += likelihood.minus_log_likelihood(value);
   if (!options.covariance) return fit;
-  Missed at = missed_with_derivatives(coordinates, x.data(), segments, settled);
-  if (at.r.size() != r.size() || !at.by.allFinite()) return std::nullopt;
-  const Eigen::VectorXd g = weighted(likelihood, at.r, at.by);
-  const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
-  fit.covariance = by_x * robust_covariance(at.by, g, h) * by_x.transpose();
+  auto covariance = covariance_of(coordinates, x, segments, settled, likelihood);
+  if (!covariance) return std::nullopt;
+  fit.covariance = std::move(*covariance);
   return fit;
+}
+
+std::optional<Eigen::MatrixXd> covariance_at(const std::vector<Segment>& segments,
+                                             const Structure& structure, const Model& model,
+                                             double encoder_step) {
+  if (!why_invalid(model).empty() || segments.empty()) return std::nullopt;
+  const Coordinates coordinates(structure, model, length_scale(segments));
+  const Eigen::Index settled = starting_state_samples(model, segments.front());
+  const Eigen::VectorXd x = coordinates.of(model), r = missed(model, segments, settled);
+  if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
+  return covariance_of(coordinates, x, segments, settled,
+                       ReadingLikelihood(encoder_step, most_probable_sigma(r, encoder_step)));
 }
 
 std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,

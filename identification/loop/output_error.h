@@ -50,6 +50,12 @@ struct OutputErrorFit {
                                                          const Model& start,
                                                          const OutputErrorOptions& options = {});
 
+/// The covariance, as that of the fit, at a model that was fitted before. Nothing if it cannot be
+/// simulated or differentiated there. Any thread.
+[[nodiscard]] std::optional<Eigen::MatrixXd> covariance_at(const std::vector<Segment>& segments,
+                                                           const Structure& structure,
+                                                           const Model& model, double encoder_step);
+
 /// For every block of segments the model that `output_error` would find on the other blocks, by one
 /// Gauss-Newton step (least_squares/jackknife.h) from `at`, which was fitted to all of them. Every
 /// segment is simulated from its own starting state. Where the step is not valid or does not lower

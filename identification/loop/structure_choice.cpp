@@ -485,6 +485,17 @@ bool lag_in_disguise(const Model& model) {
          1.0 - model.loop.numerator[0] > kMaxAccelerationFeedforward;
 }
 
+Structure structure_of(const Model& model) {
+  Structure structure;
+  structure.order = model.loop.order;
+  for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
+  structure.matched_feedforward = model.find(kind_of<TimeDelay>()) != nullptr;
+  structure.modes = static_cast<int>(model.loop.modes.size());
+  structure.moving = std::any_of(model.loop.modes.begin(), model.loop.modes.end(),
+                                 [](const Mode& mode) { return mode.moves(); });
+  return structure;
+}
+
 Point point_of(const Model& model) {
   Point point{model.loop.denominator, {}, model.loop.modes};
   for (Mode& mode : point.modes) mode.slope = mode.curve = mode.zeta_slope = 0.0;

@@ -28,6 +28,8 @@ struct ChosenStructure {
 
 /// A model as a point of a projection, in which modes are constant.
 [[nodiscard]] Point point_of(const Model& model);
+/// The structure that this model has.
+[[nodiscard]] Structure structure_of(const Model& model);
 /// The model whose modes change with position as those of another loop with as many modes.
 [[nodiscard]] Model with_modes_moving_as(const Loop& as, Model model);
 

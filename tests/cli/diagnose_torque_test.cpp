@@ -44,6 +44,39 @@ TEST(DiagnoseTorque, APlayIsFoundWithoutACommand) {
   EXPECT_EQ(result["causes"][0]["id"], "backlash");
   EXPECT_NEAR(result["causes"][0]["parameters"]["width_m"].get<double>(), 0.002, 1e-4);
   EXPECT_THAT(content_of(folder / "d.html"), HasSubstr("torque over position"));
+  EXPECT_THAT(answer.out, HasSubstr("The torque of axis R shows play (backlash) (width "));
+  EXPECT_THAT(answer.out, HasSubstr(" mm"));
+}
+
+/// A servo axis at 1 kHz whose command and encoder are written as `columns` says, with a torque.
+std::string servo_table(const char* columns, double scale, int every) {
+  std::string out = "time[s]," + std::string(columns) + ",R.torque[N]\n";
+  const auto place = [](double t) { return 50.0 * std::sin(2.0 * t) + 10.0 * std::sin(9.0 * t); };
+  for (int k = 0; k < 12'000; k += every) {
+    const double t = 1e-3 * k;
+    out += cell(t) + "," + cell(scale * place(t)) + "," + cell(scale * place(t - 0.01)) + "," +
+           cell(std::cos(2.0 * t)) + "\n";
+  }
+  return out;
+}
+
+// What is wrong with the motion is wrong for the torque as well.
+TEST(DiagnoseTorque, ARecordingThatCannotBeUsedIsNotDiagnosedByItsTorque) {
+  const Folder folder;
+  const auto says = [&](const std::string& table) {
+    return servotwin_says({"diagnose", folder.write("r.csv", table), "--axis", "R"});
+  };
+  const Answer metres = says(servo_table("R.command[m],R.actual[m]", 1.0, 1));
+  EXPECT_EQ(metres.status, 1) << metres;
+  EXPECT_THAT(metres.err, HasSubstr("is its unit mm and not m?"));
+  const Answer exchanged = says(servo_table("R.actual[mm],R.command[mm]", 1.0, 1));
+  EXPECT_EQ(exchanged.status, 1) << exchanged;
+  EXPECT_THAT(exchanged.err, HasSubstr("the two columns may be exchanged"));
+  const Answer slow = says(servo_table("R.command[mm],R.actual[mm]", 1.0, 100));
+  EXPECT_EQ(slow.status, 1) << slow;
+  EXPECT_THAT(slow.err, HasSubstr("is too slow to identify"));
+  for (const Answer* one : {&metres, &exchanged, &slow})
+    EXPECT_THAT(one->out, testing::Not(HasSubstr("by torque")));
 }
 
 TEST(DiagnoseTorque, WhatShowsNothingInEitherWaySaysBothReasons) {

@@ -103,6 +103,13 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   const Cause& cause = diagnosis.causes.front();
   EXPECT_NEAR(diagnosis.extended.model.effects[cause.place].coefficient[0], 0.524, 0.02);
   EXPECT_GT(cause.gain.low, 0.0);
+  // Its parameters are no more certain than the fit: 0 would read as exact.
+  ASSERT_EQ(diagnosis.extended.effect_deviations.size(), diagnosis.extended.model.effects.size());
+  const double deviation = diagnosis.extended.effect_deviations[cause.place].coefficient[0];
+  EXPECT_GT(deviation, 1e-5);
+  EXPECT_LT(deviation, 0.01);
+  EXPECT_GT(diagnosis.extended.pole_deviation.omega, 0.0);
+  EXPECT_TRUE(diagnosis.extended.loop_covariance.has_value());
 }
 
 TEST(Diagnosis, IsTheSameOnAnyNumberOfThreads) {

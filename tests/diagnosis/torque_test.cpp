@@ -378,6 +378,18 @@ TEST(TorqueFile, ACauseOfBothHasTheEvidenceOfBoth) {
   EXPECT_EQ(told_in(torque_lines(torque, false)), 1);
   EXPECT_EQ(told_in(torque_lines(torque, false, {"gravity_offset"})), 0);
 
+  // Words and units for people, and why nothing is said about the loop.
+  const std::vector<std::string> sentences = in_short(torque, "no command");
+  ASSERT_THAT(sentences, SizeIs(2));
+  EXPECT_THAT(sentences[0], testing::HasSubstr("shows a constant force (weight, counterbalance, "
+                                               "cable) (offset 60"));
+  EXPECT_THAT(sentences[0], testing::HasSubstr(" N"));
+  EXPECT_THAT(sentences[0], testing::Not(testing::HasSubstr("_n")));
+  EXPECT_THAT(sentences[1], testing::HasSubstr("was not judged: no command."));
+  EXPECT_THAT(torque_page(torque, "rig.csv", "no command"),
+              testing::AllOf(testing::HasSubstr("was not judged: no command."),
+                             testing::Not(testing::HasSubstr("<td>gravity_offset"))));
+
   const nlohmann::json alone = torque_alone(torque, "no command");
   EXPECT_TRUE(alone["suspected"].is_array());
   EXPECT_TRUE(alone["not_observable"].is_array()) << "as in every diagnosis file";

@@ -426,6 +426,17 @@ TEST(Positions, SignRatioAndZeroOfTheEncoderAreRepaired) {
   EXPECT_LT(greatest_difference(spoiled.axes[0].actual, whole.axes[0].actual), 1e-9);
 }
 
+TEST(Positions, ADiameterIsTwiceTheRadius) {
+  const Recording whole = motion(0.3, false);
+  for (const double ratio : {2.0, 0.5}) {
+    Recording spoiled = whole;
+    for (double& value : spoiled.axes[0].actual) value *= ratio;
+    EXPECT_THAT(mend_positions(spoiled),
+                ElementsAre(HasSubstr("times as far as its command (gear ratio, unit or pitch")));
+    EXPECT_LT(greatest_difference(spoiled.axes[0].actual, whole.axes[0].actual), 1e-9);
+  }
+}
+
 TEST(Positions, TheMotorsEncoderIsRepairedLikeThatOfTheLoadButForItsZero) {
   const AxisRecord whole = motion(2.0, true).axes[0];
   Recording turned = motion(2.0, true), spoiled = turned;
