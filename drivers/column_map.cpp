@@ -452,7 +452,7 @@ void throw_no_rows(const std::string& source, double recorded_s, const ReadOptio
   }
   throw std::runtime_error(source + ": no rows between " + number(options.from_s) + " s and " +
                            number(options.to_s) + " s: the recording is " + number(recorded_s) +
-                           " s long");
+                           " s long, and --from and --to count from its first row");
 }
 
 void fill_absent(Recording& recording) {
