@@ -14,6 +14,8 @@ namespace {
 // How often a waiting cycle looks for a sample of the second source, in parts of a cycle.
 constexpr double kLooksPerCycle = 8.0;
 constexpr double kFollowerTimeout_s = 0.1;
+// Three times what the clocks take to be known.
+constexpr std::int64_t kUnknown_ns = 10'000'000'000;
 
 }  // namespace
 
@@ -115,6 +117,19 @@ std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
                      second + " is used until both are known again"});
   }
   reported_settled_ = now.settled;
+  if (now.settled || state(now_ns).silent) {
+    unknown_since_ns_ = 0;
+    reported_unknown_ = false;
+  } else if (unknown_since_ns_ == 0) {
+    unknown_since_ns_ = now_ns;
+  } else if (!reported_unknown_ && now_ns - unknown_since_ns_ >= kUnknown_ns) {
+    reported_unknown_ = true;
+    lines.push_back(
+        {"the clocks of " + first + " and " + second +
+         " are not known: frames of one do not come, or have time stamps that do not go "
+         "on; nothing from " +
+         second + " is used"});
+  }
   if (now.absent > reported_absent_ &&
       (reported_ns_ == 0 || now_ns - reported_ns_ >= kReportPeriod_ns)) {
     lines.push_back(

@@ -53,7 +53,8 @@ class JoinedSource final : public FrameSource {
   std::atomic<double> ahead_s_{0.0}, drift_{0.0};
   std::atomic<std::uint64_t> absent_{0};
   // Of news().
-  bool reported_settled_ = false;
+  bool reported_settled_ = false, reported_unknown_ = false;
+  std::int64_t unknown_since_ns_ = 0;  // 0: they are known, or no frames come
   std::uint64_t reported_absent_ = 0;
   std::int64_t reported_ns_ = 0;
 
