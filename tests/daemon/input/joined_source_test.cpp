@@ -1,0 +1,106 @@
+// Two made sources, joined: what is said of them, and how they end. How values are joined is tested
+// without threads, in frame_join_test.cpp.
+#include "daemon/input/joined_source.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <thread>
+
+#include "daemon/between/clock.h"
+
+namespace servotwin::daemon {
+namespace {
+
+using testing::ElementsAre;
+using testing::Field;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+/// Frames of one axis every millisecond; `stamped`: by a clock that goes on.
+class Made final : public FrameSource {
+ public:
+  Made(std::uint64_t count, bool stamped, double actual)
+      : count_(count), stamped_(stamped), actual_(actual) {}
+  Received receive(MachineFrame& frame, double) noexcept override {
+    if (next_ == count_) return Received::kEnd;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    frame.sequence = next_++;
+    frame.time_ns = stamped_ ? steady_ns() : 7;
+    frame.axis_count = 1;
+    frame.axes[0].command = 0.25;
+    frame.axes[0].actual = actual_;
+    return Received::kFrame;
+  }
+  [[nodiscard]] std::int64_t age_ns() const noexcept override { return 0; }
+  [[nodiscard]] SourceState state(std::int64_t) const override {
+    SourceState out;
+    out.malformed = 3;
+    out.buses.resize(1);
+    return out;
+  }
+  [[nodiscard]] std::vector<SourceNews> news(std::int64_t) override {
+    return std::exchange(news_, {});
+  }
+
+ private:
+  std::uint64_t next_ = 0, count_;
+  bool stamped_;
+  double actual_;
+  std::vector<SourceNews> news_{{"is made", true}};
+};
+
+JoinedSource joined(std::uint64_t count, bool stamped) {
+  std::array<JoinedSource::Part, 2> parts{
+      JoinedSource::Part{std::make_unique<Made>(count, stamped, 1.0), "dds"},
+      {std::make_unique<Made>(100'000, true, 2.0), "can"}};
+  return {std::move(parts), {{{0, 0}, {1, 0}}}, 1e-3};
+}
+
+TEST(JoinedSource, GivesTheCyclesOfTheFirstAndEndsWithIt) {
+  JoinedSource source = joined(5'000, true);
+  MachineFrame frame;
+  std::uint64_t frames = 0, with_encoder = 0;
+  Received received = Received::kNothing;
+  while ((received = source.receive(frame, 10.0)) == Received::kFrame) {
+    EXPECT_EQ(frame.sequence, frames++);
+    EXPECT_EQ(frame.axes[0].command, 0.25);
+    if (std::isfinite(frame.axes[0].actual)) {
+      EXPECT_NEAR(frame.axes[0].actual, 2.0, 1e-12);
+      ++with_encoder;
+    }
+  }
+  EXPECT_EQ(received, Received::kEnd);
+  EXPECT_EQ(frames, 5'000U);
+  EXPECT_GT(with_encoder, 100U) << "the last second or so";
+  const SourceState state = source.state(steady_ns());
+  EXPECT_TRUE(state.clocks->settled);
+  EXPECT_EQ(state.malformed, 6U);
+  EXPECT_EQ(state.buses.size(), 2U);
+  EXPECT_THAT(source.news(steady_ns()),
+              ElementsAre(Field(&SourceNews::text, "dds: is made"),
+                          Field(&SourceNews::text, "can: is made"),
+                          Field(&SourceNews::text, HasSubstr("that of dds; what comes from can"))));
+  EXPECT_THAT(source.news(steady_ns()), IsEmpty());
+}
+
+TEST(JoinedSource, StampsThatDoNotGoOnAreNamedAfterAWhile) {
+  JoinedSource source = joined(100'000, false);
+  MachineFrame frame;
+  for (int i = 0; i < 100; ++i) {
+    ASSERT_EQ(source.receive(frame, 10.0), Received::kFrame);
+    EXPECT_TRUE(std::isnan(frame.axes[0].actual));
+  }
+  const std::int64_t now = steady_ns(), second = 1'000'000'000;
+  (void)source.news(now);
+  EXPECT_THAT(source.news(now + 9 * second), IsEmpty());
+  EXPECT_THAT(
+      source.news(now + 11 * second),
+      ElementsAre(Field(&SourceNews::text, HasSubstr("the clocks of dds and can are not known"))));
+  EXPECT_THAT(source.news(now + 30 * second), IsEmpty());
+}
+
+}  // namespace
+}  // namespace servotwin::daemon
