@@ -262,9 +262,8 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, dou
 Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
   const double share = options.training_share.value_or(training_share_of(axis.segments));
-  if (!(share > 0.1 && share < 0.95)) {
-    throw std::invalid_argument(
-        message("training share = ", share, " must be between 0.1 and 0.95"));
+  if (!(share >= 0.1 && share <= 0.95)) {
+    throw std::invalid_argument(message("training share = ", share, " must be from 0.1 to 0.95"));
   }
   if (options.masses != Masses::kRigid &&
       (options.method != Method::kJoint || options.modes > 0 || options.start))

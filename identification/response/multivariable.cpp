@@ -275,8 +275,8 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
       throw std::runtime_error("a record has " + std::to_string(record.inputs.size()) + " of " +
                                std::to_string(data.inputs.size()) + " inputs");
   }
-  if (!(options.training_share > 0.1 && options.training_share < 0.95))
-    throw std::runtime_error("the training share must lie between 0.1 and 0.95");
+  if (!(options.training_share >= 0.1 && options.training_share <= 0.95))
+    throw std::runtime_error("the training share must be from 0.1 to 0.95");
   if (options.order < 0 || options.order > kMaxPoles || options.most < 1 ||
       options.most > kMaxPoles)
     throw std::runtime_error("the order must lie between 1 and " + std::to_string(kMaxPoles));

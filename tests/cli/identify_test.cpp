@@ -68,6 +68,13 @@ TEST_F(Identify, NeedsNoAxisWhereThereIsOne) {
   }
 }
 
+TEST_F(Identify, TakesTheBoundsOfTheTrainingShare) {
+  for (const char* share : {"0.1", "0.95"}) {
+    const Answer answer = identify({"--training-share", share});
+    EXPECT_THAT(answer.err, Not(HasSubstr("training share"))) << answer;
+  }
+}
+
 TEST_F(Identify, ReadsStandardInput) {
   const auto from_input = [&](const std::string& file) {
     const std::string command = std::string(SERVOTWIN_BINARY) +
