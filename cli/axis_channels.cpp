@@ -4,13 +4,14 @@
 #include <cmath>
 
 #include "cli/command.h"
+#include "cli/options.h"
 #include "cli/output.h"
 #include "drivers/text.h"
 
 namespace servotwin::cli {
 
 Channel channel_of(const std::string& given, const std::string& axis,
-                   const std::vector<std::string>& known) {
+                   const std::vector<std::string>& known, const Recording& whole) {
   const std::size_t point = given.rfind('.');
   Channel out = point == std::string::npos
                     ? Channel{axis, given}
@@ -21,6 +22,7 @@ Channel channel_of(const std::string& given, const std::string& axis,
         (axis.empty() ? " as AXIS.channel" : ", of --axis or as AXIS.channel") +
         (out.axis.empty() ? std::string("; of which axis?") : did_you_mean(out.name, known)));
   }
+  out.axis = axis_of(whole, out.axis);
   return out;
 }
 

@@ -18,10 +18,10 @@ struct Channel {
   std::string axis, name;
 };
 
-/// "torque" of `axis`, or "Y.torque" of another one. Throws UsageError if the name is not one of
-/// the known ones.
+/// "torque" of `axis`, or "Y.torque" of another one, with the axis as `whole` spells it. Throws
+/// UsageError if the name is not one of the known ones.
 [[nodiscard]] Channel channel_of(const std::string& given, const std::string& axis,
-                                 const std::vector<std::string>& known);
+                                 const std::vector<std::string>& known, const Recording& whole);
 
 class AxisChannels {
  public:

@@ -70,9 +70,11 @@ VelocityResponse read_response(const std::filesystem::path& file) {
 }
 
 SegmentedAxis read_torque(RecordingOptions options, const std::filesystem::path& file,
-                          const std::string& name, std::FILE* people) {
+                          const std::string& given, std::FILE* people) {
   options.file = file;
-  SegmentedAxis axis = segment_axis(options.read(people, name), name);
+  const Recording whole = options.read(people, given);
+  const std::string name = axis_of(whole, given);
+  SegmentedAxis axis = segment_axis(whole, name);
   if (axis.rotary || axis.torque_unit != "Nm")
     throw std::runtime_error(axis.source + ": " + name + (axis.rotary ? " is rotary" : "") +
                              (axis.torque_unit != "Nm"

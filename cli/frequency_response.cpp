@@ -162,7 +162,7 @@ json result_of(const FrequencyResponseArguments& arguments, const ResponseSignal
   };
   json out{{"schema", "servotwin.frequency-response/1"},
            {"source", arguments.input.recording.file.filename().string()},
-           {"axis", arguments.input.axis.empty() ? json() : json(arguments.input.axis)},
+           {"axis", signals.axis.empty() ? json() : json(signals.axis)},
            {"output", signals.output},
            {"sample_time_s", response.sample_time_s},
            {"window_s", response.window_s},

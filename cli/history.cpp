@@ -87,10 +87,11 @@ std::string why_none(const daemon::Store& store, const HistoryArguments& argumen
          " has not been diagnosed yet";
 }
 
-void run(const HistoryArguments& arguments) {
+void run(HistoryArguments arguments) {
   std::FILE* people = people_beside({arguments.result});
   const auto directory = arguments.store.empty() ? daemon::default_store() : arguments.store;
   const daemon::Store store(directory, arguments.machine, daemon::StoreAccess::kRead);
+  arguments.axis = spelling_in(store.axes(), arguments.axis);
   std::vector<daemon::StoredDiagnosis> diagnoses = store.diagnoses(arguments.axis, arguments.last);
   if (diagnoses.empty())
     throw std::runtime_error("store " + directory.string() + ": " + why_none(store, arguments));

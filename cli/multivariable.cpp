@@ -138,14 +138,15 @@ Signals read(const MultivariableArguments& arguments, std::FILE* people) {
   const Recording whole = arguments.recording.read(people);
   if (whole.axes.empty()) throw std::runtime_error(whole.source + ": no axis");
   // Begins with the first axis that is named, so that an error of reading names that axis.
-  const auto listed_channels = [](const std::string& list, const std::vector<std::string>& known) {
+  const auto listed_channels = [&whole](const std::string& list,
+                                        const std::vector<std::string>& known) {
     std::vector<Channel> out;
     for (const std::string& one : split_fields(list, ',')) {
       if (one.ends_with(".position"))
         throw UsageError(in_quotes(one) + " grows without bound with the command; use " +
                          one.substr(0, one.size() - 8) +
                          "error as output (position = command - error)");
-      out.push_back(channel_of(one, "", known));
+      out.push_back(channel_of(one, "", known, whole));
     }
     return out;
   };

@@ -11,6 +11,7 @@
 #include "cli/option_table.h"
 #include "cli/output.h"
 #include "diagnosis/encoder_difference.h"
+#include "drivers/column_name.h"
 #include "drivers/text.h"
 #include "identification/recording/positions.h"
 #include "identification/recording/same_axis.h"
@@ -117,12 +118,13 @@ Recording RecordingOptions::read(std::FILE* people, const std::string& axis) con
     recording =
         file == "-" ? StandardInput().read(read_options) : read_recording(file, read_options);
   }
+  const std::string of = axis.empty() ? axis : axis_of(recording, axis);
   if (mends && as_recorded) {
     Recording mended = recording;
-    for (const std::string& line : mend_positions(mended, axis))
+    for (const std::string& line : mend_positions(mended, of))
       recording.notes.push_back("as recorded, so without this: " + line);
   } else if (mends) {
-    mend_positions(recording, axis);
+    mend_positions(recording, of);
   }
   for (const std::string& note : recording.notes) say(people, "note: " + note);
   return recording;
@@ -178,11 +180,20 @@ std::string AxisOptions::source() const {
   return out;
 }
 
+std::string spelling_in(const std::vector<std::string>& names, const std::string& given) {
+  if (std::find(names.begin(), names.end(), given) != names.end()) return given;
+  const auto alike = [folded = lower_case(given)](const std::string& name) {
+    return lower_case(name) == folded;
+  };
+  if (std::count_if(names.begin(), names.end(), alike) != 1) return given;
+  return *std::find_if(names.begin(), names.end(), alike);
+}
+
 std::string axis_of(const Recording& whole, const std::string& given) {
-  if (!given.empty()) return given;
-  if (whole.axes.size() == 1) return whole.axes.front().name;
+  if (given.empty() && whole.axes.size() == 1) return whole.axes.front().name;
   std::vector<std::string> names;
   for (const AxisRecord& one : whole.axes) names.push_back(one.name);
+  if (!given.empty()) return spelling_in(names, given);
   throw std::runtime_error(whole.source + ": has the axes " + listed(names) +
                            "; choose one with --axis");
 }

@@ -42,8 +42,12 @@ struct RecordingOptions {
   [[nodiscard]] Recording read(std::FILE* people, const std::string& axis = "") const;
 };
 
-/// The axis that is meant: the given one, or the only one of the recording. Throws if it has
-/// several.
+/// The one of `names` that is meant: `given`, or the only one that differs from it in upper and
+/// lower case alone; `given` itself if there is none.
+[[nodiscard]] std::string spelling_in(const std::vector<std::string>& names,
+                                      const std::string& given);
+/// The axis that is meant, as the recording spells it: the given one, or its only one. Throws if
+/// none is given and it has several.
 [[nodiscard]] std::string axis_of(const Recording& whole, const std::string& given);
 /// An axis of a recording, cut into segments; prints on `people` what was read.
 [[nodiscard]] SegmentedAxis segmented(const Recording& whole, const std::string& axis,

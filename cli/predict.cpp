@@ -290,6 +290,13 @@ void print(const PredictedAxis& one, std::FILE* people) {
   }
 }
 
+void require_each_once(const std::vector<std::string>& axes) {
+  for (const std::string& axis : axes) {
+    if (std::count(axes.begin(), axes.end(), axis) > 1)
+      throw UsageError("--axis " + axis + " is given twice");
+  }
+}
+
 void run(PredictArguments arguments) {
   // Without --axis the axis is the only one of the recording.
   const std::size_t count = std::max<std::size_t>(arguments.axes.size(), 1);
@@ -299,15 +306,13 @@ void run(PredictArguments arguments) {
              "order",
              count, arguments.models.size()));
   }
-  for (std::size_t i = 0; i < arguments.axes.size(); ++i) {
-    if (std::count(arguments.axes.begin(), arguments.axes.end(), arguments.axes[i]) > 1)
-      throw UsageError("--axis " + arguments.axes[i] + " is given twice");
-  }
   std::FILE* people = people_beside({arguments.table, arguments.result, arguments.plot});
-  require_order(arguments);
   const Recording recording =
       arguments.recording.read(people, arguments.axes.size() == 1 ? arguments.axes.front() : "");
-  if (arguments.axes.empty()) arguments.axes.push_back(axis_of(recording, ""));
+  arguments.axes.resize(count);
+  for (std::string& axis : arguments.axes) axis = axis_of(recording, axis);
+  require_each_once(arguments.axes);
+  require_order(arguments);
   std::vector<PredictedAxis> all;
   for (std::size_t i = 0; i < count; ++i) {
     if (count > 1) say(people, "\naxis        " + arguments.axes[i]);

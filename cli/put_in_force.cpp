@@ -57,22 +57,24 @@ void print_in_force(int version, const std::string& axis, const std::string& rea
 AxisStatus find_axis(const DdsNode& node, const BusOptions& bus, const std::string& name,
                      double patience_s) {
   std::vector<std::string> names;
-  for (const AxisStatus& one : axes_of_daemon(node, bus, patience_s)) {
-    if (one.name == name) return one;
-    names.push_back(one.name);
+  const std::vector<AxisStatus> axes = axes_of_daemon(node, bus, patience_s);
+  for (const AxisStatus& one : axes) names.push_back(one.name);
+  const std::string meant = spelling_in(names, name);
+  for (const AxisStatus& one : axes) {
+    if (one.name == meant) return one;
   }
   throw std::runtime_error(bus.text() + " has no axis " + in_quotes(name) + "; it has " +
                            listed(names) + " (--axis)");
 }
 
-void ask_daemon(const PutInForceArguments& arguments, const ModelRecord& record,
-                const std::string& axis) {
+void ask_daemon(const PutInForceArguments& arguments, ModelRecord record) {
   const DdsNode node(arguments.bus.place);
   DdsReader<ModelAnnouncement> models(node);
   DdsReader<MachineStatus> statuses(node);
   DdsWriter<ModelProposal> proposals(node);
   const double discovery_s = std::min(arguments.wait_s, kMaxDiscovery_s);
-  const AxisStatus before = find_axis(node, arguments.bus, axis, discovery_s);
+  const AxisStatus before = find_axis(node, arguments.bus, record.axis, discovery_s);
+  const std::string& axis = record.axis = before.name;
   if (!proposals.wait_for_readers(1, discovery_s))
     throw std::runtime_error("the daemon of " + arguments.bus.text() +
                              " takes no models by hand: it is older than this tool, or DDS "
@@ -154,8 +156,7 @@ RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
   return out;
 }
 
-void put_in_store(const PutInForceArguments& arguments, ModelRecord record,
-                  const std::string& axis) {
+void put_in_store(const PutInForceArguments& arguments, ModelRecord record) {
   if (!fs::exists(arguments.store / "servotwin.sqlite"))
     throw std::runtime_error(arguments.store.string() + ": there is no store of a daemon here");
   if (daemon::Store::in_use(arguments.store))
@@ -167,14 +168,15 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record,
       !known.empty() && std::find(known.begin(), known.end(), machine) == known.end())
     throw std::runtime_error(arguments.store.string() + " knows no machine " + in_quotes(machine) +
                              "; it has " + listed(known) + " (--machine)");
+  const std::vector<std::string> axes = store.axes();
+  const std::string& axis = record.axis = spelling_in(axes, record.axis);
   const std::vector<daemon::StoredModel> all = store.in_force();
   const auto held = std::find_if(all.begin(), all.end(), [&](const daemon::StoredModel& one) {
     return one.record.axis == axis;
   });
   const bool first = held == all.end();
   if (!store.lost().empty()) say(stderr, "note: " + store.lost());
-  if (const std::vector<std::string> axes = store.axes();
-      !axes.empty() && std::find(axes.begin(), axes.end(), axis) == axes.end())
+  if (!axes.empty() && std::find(axes.begin(), axes.end(), axis) == axes.end())
     throw std::runtime_error(arguments.store.string() + ": machine " + in_quotes(machine) +
                              " has no axis " + in_quotes(axis) + "; it has " + listed(axes) +
                              " (--axis)");
@@ -228,12 +230,11 @@ void run(const PutInForceArguments& arguments) {
         "choose one: --dds for a running daemon, or --store DIR for the store of one that is "
         "stopped");
   ModelRecord record = read_model(arguments.model);
-  const std::string axis = arguments.axis.empty() ? record.axis : arguments.axis;
-  record.axis = axis;
+  if (!arguments.axis.empty()) record.axis = arguments.axis;
   if (arguments.bus.dds) {
-    ask_daemon(arguments, record, axis);
+    ask_daemon(arguments, std::move(record));
   } else {
-    put_in_store(arguments, std::move(record), axis);
+    put_in_store(arguments, std::move(record));
   }
 }
 

@@ -39,12 +39,13 @@ double axis_signals(const ResponseOptions& options, ResponseSignals& out, std::F
   out.inputs = options.inputs.empty() ? std::vector<std::string>{"command"}
                                       : parts_of(options.inputs.front());
   out.output = options.outputs.empty() ? "position" : options.outputs.front();
-  AxisChannels axes(whole, options.axis, people);
-  const Channel output = channel_of(out.output, options.axis, kChannels);
+  out.axis = axis_of(whole, options.axis);
+  AxisChannels axes(whole, out.axis, people);
+  const Channel output = channel_of(out.output, out.axis, kChannels, whole);
   std::vector<Channel> inputs;
   bool fed_back = false;
   for (const std::string& name : out.inputs) {
-    inputs.push_back(channel_of(name, options.axis, kChannels));
+    inputs.push_back(channel_of(name, out.axis, kChannels, whole));
     if (inputs.back().axis == output.axis && inputs.back().name == output.name)
       throw UsageError("--input and --output are both " + in_quotes(name));
     fed_back = fed_back || inputs.back().name != "command";

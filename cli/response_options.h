@@ -13,6 +13,7 @@ namespace servotwin::cli {
 class OptionTable;
 
 struct ResponseSignals {
+  std::string axis;                 ///< empty: the signals are columns
   std::vector<std::string> inputs;  ///< names
   std::string output;
   double sample_time_s = 0.0;

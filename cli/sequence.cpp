@@ -40,7 +40,8 @@ struct Torque {
 Torque read(RecordingOptions options, const std::filesystem::path& file,
             const SequenceArguments& arguments, const std::string& name, std::FILE* people) {
   options.file = file;
-  Torque out{segment_axis(options.read(people, name), name), {}};
+  const Recording whole = options.read(people, name);
+  Torque out{segment_axis(whole, axis_of(whole, name)), {}};
   require_torque(out.axis, arguments.invert);
   require_motion(out.axis);
   say(people, "read " + file.string());
@@ -281,7 +282,7 @@ void run(const SequenceArguments& arguments) {
   if (!arguments.result.empty()) {
     json out;
     out["schema"] = "servotwin.sequence/1";
-    out["axis"] = arguments.axis;
+    out["axis"] = bare.axis.axis;
     out["bare"] = force_json(*drive, true, unit);
     out["added"] = force_json(*part, true, unit);
     out["force_unit"] = unit.name;

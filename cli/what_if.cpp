@@ -74,7 +74,7 @@ std::vector<Motion> paper_motions(const FeedAxisParts& parts) {
 }
 
 /// The commands of a recording, at its own times; throws if they have a gap.
-Segment read_motion(const WhatIfArguments& arguments, std::FILE* people) {
+SegmentedAxis read_motion(const WhatIfArguments& arguments, std::FILE* people) {
   RecordingOptions motion = arguments.motion;
   motion.mends = false;  // a table of commands
   Recording recording = motion.read(people);
@@ -83,30 +83,31 @@ Segment read_motion(const WhatIfArguments& arguments, std::FILE* people) {
     axis.actual_motor.clear();
     axis.torque.clear();
   }
-  SegmentedAxis axis = segment_axis(recording, arguments.axis);
+  SegmentedAxis axis = segment_axis(recording, axis_of(recording, arguments.axis));
   if (axis.rotary)
     throw std::runtime_error(axis.source + ": axis " + axis.axis +
                              " is rotary; a ball screw moves a linear one");
   if (axis.segments.size() != 1)
     throw std::runtime_error(axis.source + ": " + axis.axis +
                              ".command is interrupted; select one part with --from and --to");
-  return axis.segments.front();
+  return axis;
 }
 
 /// The same at the sampling rate of the control: a cubic spline through the samples.
-Motion motion_of(const Segment& segment, const WhatIfArguments& arguments,
+Motion motion_of(const SegmentedAxis& axis, const WhatIfArguments& arguments,
                  const FeedAxisParts& parts) {
+  const Segment& segment = axis.segments.front();
   const double low = segment.command.minCoeff() + parts.nut.at_zero,
                high = segment.command.maxCoeff() + parts.nut.at_zero;
   if (low < parts.nut.from || high > parts.nut.to) {
     throw std::runtime_error(
         text("%s: %s goes from %.4g to %.4g mm, which takes the nut from %.4g to %.4g mm; nut."
              "travel_mm is [%.4g, %.4g]",
-             arguments.motion.file.c_str(), arguments.axis.c_str(),
-             segment.command.minCoeff() / kMilli, segment.command.maxCoeff() / kMilli, low / kMilli,
-             high / kMilli, parts.nut.from / kMilli, parts.nut.to / kMilli));
+             arguments.motion.file.c_str(), axis.axis.c_str(), segment.command.minCoeff() / kMilli,
+             segment.command.maxCoeff() / kMilli, low / kMilli, high / kMilli,
+             parts.nut.from / kMilli, parts.nut.to / kMilli));
   }
-  return {arguments.motion.file.filename().string() + ", " + arguments.axis,
+  return {arguments.motion.file.filename().string() + ", " + axis.axis,
           at_rate(segment, parts.control.rate_hz)};
 }
 
@@ -296,9 +297,9 @@ void run(const WhatIfArguments& arguments) {
     motions = motions_after = paper_motions(before);
     if (after.control.rate_hz != before.control.rate_hz) motions_after = paper_motions(after);
   } else {
-    const Segment segment = read_motion(arguments, people);
-    motions = {motion_of(segment, arguments, before)};
-    motions_after = {motion_of(segment, arguments, after)};
+    const SegmentedAxis axis = read_motion(arguments, people);
+    motions = {motion_of(axis, arguments, before)};
+    motions_after = {motion_of(axis, arguments, after)};
   }
   const Axis axis_before = examine(before, motions);
   const Axis axis_after = both ? examine(after, motions_after) : axis_before;

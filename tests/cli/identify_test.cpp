@@ -75,6 +75,26 @@ TEST_F(Identify, TakesTheBoundsOfTheTrainingShare) {
   }
 }
 
+TEST_F(Identify, FindsTheAxisInAnotherCase) {
+  const Answer other = servotwin_says({"identify", recording_, "--axis", "x", "--method",
+                                       "pole-search", "--model", folder_ / "other.json"});
+  EXPECT_EQ(other.status, 0) << other;
+  EXPECT_EQ(json::parse(content_of(folder_ / "other.json"))["axis"], "X");
+  EXPECT_THAT(other.out + other.err, Not(HasSubstr("axis x")));
+  const Answer predicted =
+      servotwin_says({"predict", recording_, "--axis", "x", "--model", folder_ / "other.json"});
+  EXPECT_EQ(predicted.status, 0) << predicted;
+  EXPECT_THAT(predicted.out, Not(HasSubstr("the recording is of axis")));
+}
+
+TEST_F(Identify, DoesNotChooseBetweenAxesThatDifferInCaseAlone) {
+  const std::string both = folder_.write(
+      "both.csv", "time[s],Xa.command[mm],xA.command[mm]\n0,0,0\n0.001,1,1\n0.002,2,2\n");
+  EXPECT_THAT(servotwin_says({"identify", both, "--axis", "xa"}).err,
+              HasSubstr("no axis 'xa'; it has Xa, xA"));
+  EXPECT_THAT(servotwin_says({"identify", both, "--axis", "xA"}).err, Not(HasSubstr("no axis")));
+}
+
 TEST_F(Identify, ReadsStandardInput) {
   const auto from_input = [&](const std::string& file) {
     const std::string command = std::string(SERVOTWIN_BINARY) +
