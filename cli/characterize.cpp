@@ -183,7 +183,7 @@ void require_better(ModelRecord& record, const std::filesystem::path& file,
     throw std::runtime_error(file.string() +
                              ": with this friction the model predicts worse, because its loop was "
                              "identified without it and compensates for it; identify both together "
-                             "with 'servotwin identify --method joint'. The file is unchanged");
+                             "with 'servotwin identify'. The file is unchanged");
   }
   record.training = record.holdout = {};  // they belong to the replaced friction
   record.noise_floor = {};

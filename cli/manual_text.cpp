@@ -70,7 +70,7 @@ ManualText servotwin_manual_text() {
                .entries = {},
                .examples =
                    {{"Identify a model of axis X, with its friction:",
-                     "servotwin identify monday.csv --axis X --method joint --model x.json"},
+                     "servotwin identify monday.csv --axis X --model x.json"},
                     {"Compare its prediction with another recording:",
                      "servotwin predict tuesday.csv --axis X --model x.json"},
                     {"Find out what has changed since then:",
