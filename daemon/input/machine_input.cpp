@@ -255,10 +255,10 @@ std::optional<MachineInput> open_input(const Config& config, const DdsNode& node
     check_axes(config, input.machine);
     return input;
   }
+  events.note("source", "",
+              "waiting for machine '" + config.machine + "' on DDS domain " +
+                  std::to_string(node_in.place().domain));
   if (config.axes.empty()) {
-    events.note("source", "",
-                "waiting for machine '" + config.machine + "' on DDS domain " +
-                    std::to_string(node_in.place().domain));
     const std::optional<MachineDescription> machine = introduced(node, descriptions, stop, events);
     if (!machine) return std::nullopt;
     input.machine = *machine;

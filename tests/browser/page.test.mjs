@@ -263,11 +263,16 @@ test("says when the daemon is gone, and goes on when it is back", async () => {
 });
 
 test("says when the machine falls silent", async () => {
-  const other = await configured("waiting", "[[axis]]\nname = 'X'\n", { recordings: [] });
+  const other = await configured("waiting", "[[axis]]\nname = 'X'\n[[axis]]\nname = 'Y'\n", { recordings: [] });
   const { page } = await open(browser, other.url);
   try {
     await shows(page, "#state", /waiting for the machine/);
     await shows(page, "#banner", /The daemon is waiting for its machine/);
+    await shows(page, "#unheard", /No machine has been heard yet[^]*waiting for machine '.+' on DDS domain 97/);
+    assert.equal(await page.locator("#charts, #plane").filter({ visible: true }).count(), 0); // no empty plots
+    await run(join(dirname(program), "servotwin"), ["replay", recording, "--dds", "--to", "1", "--machine", other.machine, "--domain", "97"]);
+    await page.locator("#chart-error canvas").waitFor();
+    assert.equal(await page.locator("#unheard").isVisible(), false);
   } finally {
     await page.close();
     await other.stop("SIGKILL");

@@ -43,13 +43,13 @@ export class Charts {
     one.plot = new uPlot(
       {
         ...size(place),
-        padding: [8, 8, 0, 0],
+        padding: [8, 14, 0, 0], // on the right, room for half of the label "0 s"
         legend: { show: false },
         cursor: { sync: { key: "live" }, drag: { x: false, y: false }, points: { show: false } },
         scales: { x: { time: false, range: () => [this.now - this.window_s, this.now] }, y: { range: () => one.range } },
         axes: [
           { ...axis, size: chart.isLast ? 26 : 8, splits: () => this.ticks(), values: (_, ticks) => ticks.map((t) => (chart.isLast ? this.ago(t) : "")) },
-          { ...axis, size: 60, ...(chart.isCommand ? {} : { splits: () => quarters(one.range) }), values: (_, ticks) => ticks.map((t) => `${+t.toPrecision(6)}`.replace("-", "−")) },
+          { ...axis, size: 66, ...(chart.isCommand ? {} : { splits: () => quarters(one.range) }), values: (_, ticks) => ticks.map((t) => `${+t.toPrecision(6)}`.replace("-", "−")) },
         ],
         series: [{}, ...chart.series.map(([name, width, dash]) => ({ label: name, stroke: colour(name), width, dash, points: { show: false } }))],
         hooks: { setCursor: [(plot) => this.read(plot)] },

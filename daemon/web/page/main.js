@@ -7,7 +7,7 @@ import { Figures } from "./figures.js";
 import { showActivity, showModels } from "./models.js";
 import { PathPicture } from "./path.js";
 import { Recording } from "./recording.js";
-import { showEvents, showService } from "./service.js";
+import { lastOfSource, showEvents, showService } from "./service.js";
 import { Stream } from "./stream.js";
 import { startTheme } from "./theme.js";
 import { count } from "./units.js";
@@ -59,6 +59,7 @@ function offerAxes() {
 async function refresh() {
   const one = axisNow();
   try {
+    if (view() === "live" && waiting()) write(at("awaited"), (await lastOfSource()) ?? `waiting for machine '${status.machine}'`);
     if (view() === "models" && one) await showModels(axis, one.rotary);
     if (view() === "diagnosis" && one) await showDiagnosis(axis, one.rotary);
     if (view() === "corrections") await showCorrections();
@@ -94,21 +95,31 @@ function draw() {
   });
 }
 
+const waiting = () => status?.state === "waiting" && !status.frames;
+
+/** Plots of a machine that has not been heard would be empty boxes: words take their place. */
+function showPanels() {
+  const begun = waiting() && at("unheard").hidden;
+  at("bar").hidden = status.axes.length === 0;
+  at("unheard").hidden = !waiting();
+  at("charts").hidden = at("plane").hidden = waiting();
+  if (begun) refresh();
+}
+
 /** Shows the state in the header, and a fault in the banner. */
 function showState(state, when = new Date()) {
   document.body.classList.toggle("stale", state !== "live");
   at("state").dataset.state = state;
-  const waiting = status?.state === "waiting" && !status.frames;
   const words = {
     connecting: "connecting",
     live: `live, ${count(Math.round(status?.frame_rate_hz ?? 0))} Hz`,
-    silent: waiting ? "waiting for the machine" : "no cycles",
+    silent: waiting() ? "waiting for the machine" : "no cycles",
     lost: "no daemon",
   };
   write(at("state").querySelector("b"), words[state]);
   const since = when.toLocaleTimeString("sv");
   const banners = {
-    silent: waiting ? "The daemon is waiting for its machine." : `No cycles have been received from the machine since ${since}; the figures shown are old.`,
+    silent: waiting() ? "The daemon is waiting for its machine." : `No cycles have been received from the machine since ${since}; the figures shown are old.`,
     lost: `No connection to the daemon since ${since}; the figures shown are old. Trying again.`,
   };
   at("banner").hidden = !(state in banners);
@@ -131,6 +142,7 @@ const stream = new Stream({
     if (now.version !== version) location.reload();
     document.title = `${now.machine} – Servotwin`;
     write(at("machine"), now.machine);
+    showPanels();
     offerAxes();
     figures.show(now, axis);
     const one = axisNow();

@@ -35,8 +35,9 @@ export class PathPicture {
     const u = at("path-u").value;
     const v = at("path-v").value;
     const context = this.prepare();
-    if (!this.linear || this.linear.length < 2 || u === v) {
-      this.say(context, this.linear?.length < 2 ? "A path needs two linear axes." : "Choose two axes that differ.");
+    if (!this.linear) return; // no machine is known
+    if (this.linear.length < 2 || u === v) {
+      this.say(context, this.linear.length < 2 ? "A path needs two linear axes." : "Choose two axes that differ.");
       fill(at("contour"));
       return;
     }
@@ -134,15 +135,16 @@ export class PathPicture {
   tell(measured, predicted) {
     const last = (series) => {
       const live = series.filter((value) => value !== null);
-      return live.length > 0 ? error(live.at(-1)) : "not available";
+      return live.length > 0 ? error(live.at(-1)) : null;
     };
-    const now = `${last(this.recording.contour)} predicted, ${last(this.recording.measuredContour)} measured`;
+    const foreseen = last(this.recording.contour);
+    const now = last(this.recording.measuredContour) ?? "–";
     const pair = (name, found) => make("div", {}, make("dt", {}, name), make("dd", {}, found ? `${error(found.rms)} RMS, max ${error(found.max)}` : "–"));
     write(at("contour-title"), `Contour error, ${this.window_s} s`);
     fill(at("contour"),
       pair("measured", figures(measured)),
       pair("predicted axes", figures(predicted)),
-      make("div", {}, make("dt", {}, "by the daemon"), make("dd", {}, now)));
+      make("div", {}, make("dt", {}, "by the daemon"), make("dd", {}, foreseen ? `${foreseen} predicted, ${now} measured` : `no prediction yet; measured ${now}`)));
   }
 }
 

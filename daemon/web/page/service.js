@@ -92,6 +92,13 @@ function showOctaves(octaves) {
   })));
 }
 
+/** What the daemon has said last about its source since it was started: where it waits, what it has refused. */
+export async function lastOfSource() {
+  const { events } = await get("/api/v1/events?most=100");
+  const started = events.findIndex((event) => event.kind === "started");
+  return events.slice(0, started).find((event) => event.kind === "source")?.text;
+}
+
 export async function showEvents() {
   const { events } = await get("/api/v1/events?most=100");
   fill(at("events"), ...events.map((event) =>
