@@ -111,7 +111,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
       say(people, "              not distinguishable from " + rival + " with this recording");
     if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
       say(people, "              check " + advice);
-    say(people, "              see " + cause_page(cause.id));
+    say(people, "              see " + page_to_read(cause.id));
   }
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <system_error>
 
 #include "diagnosis/judgement.h"
 #include "diagnosis/search.h"
@@ -382,5 +384,13 @@ std::string advice_for(const Diagnosis& diagnosis, const Cause& cause) {
 }
 
 std::string cause_page(const std::string& id) { return "docs/causes/" + id + ".md"; }
+
+std::string page_to_read(const std::string& id) {
+  std::error_code absent;
+  const auto program = std::filesystem::read_symlink("/proc/self/exe", absent);
+  const auto installed =
+      program.parent_path().parent_path() / "share/doc/servotwin" / cause_page(id);
+  return std::filesystem::exists(installed, absent) ? installed.string() : cause_page(id);
+}
 
 }  // namespace servotwin

@@ -34,5 +34,8 @@ namespace servotwin {
 /// The path of the document about this cause, relative to the folder that contains docs/: the
 /// source tree, or /usr/share/doc/servotwin where the package is installed.
 [[nodiscard]] std::string cause_page(const std::string& id);
+/// The same for people: with its folder where it is installed with this program, so that it can be
+/// opened as it is printed; else as cause_page().
+[[nodiscard]] std::string page_to_read(const std::string& id);
 
 }  // namespace servotwin

@@ -179,7 +179,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
   out += "<table>";
   if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
     out += row("check on the machine", escaped(advice));
-  out += row("about this cause", "<code>" + cause_page(cause.id) + "</code>");
+  out += row("about this cause", "<code>" + page_to_read(cause.id) + "</code>");
   if (std::isfinite(cause.gain.before))
     out += row("simulation error",
                text("%.3g %s RMS without this cause in the model, %.3g %s RMS with it",

@@ -304,7 +304,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
     }
     if (const std::string advice = check_of(cause); !advice.empty())
       out.push_back("              check " + advice);
-    out.push_back("              see " + cause_page(cause.id));
+    out.push_back("              see " + page_to_read(cause.id));
   }
   for (const TorqueCause& cause : torque.suspected) out.push_back(suspected_of(cause));
   if (details) {
@@ -340,7 +340,7 @@ std::string torque_section(const TorqueDiagnosis& torque) {
            text("</td><td>%.0f %%", 100.0 * cause.confidence);
     for (const std::string& rival : cause.ambiguous_with)
       out += "<br>or " + escaped(plain_name(rival));
-    out += "</td><td>" + escaped(check_of(cause)) + "; see <code>" + cause_page(cause.id) +
+    out += "</td><td>" + escaped(check_of(cause)) + "; see <code>" + page_to_read(cause.id) +
            "</code></td></tr>\n";
   }
   return out + "</table>\n";

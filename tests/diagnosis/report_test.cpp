@@ -233,6 +233,7 @@ TEST(CausePage, IsAmongTheDocumentsForEveryCauseOfTheContract) {
   for (const std::string_view id : contract_ids()) {
     const std::string page = cause_page(std::string(id));
     EXPECT_TRUE(std::ifstream(std::string(SERVOTWIN_SOURCE_DIR) + "/" + page)) << page;
+    EXPECT_EQ(page_to_read(std::string(id)), page) << "nothing is installed beside this program";
   }
 }
 
