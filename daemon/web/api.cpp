@@ -24,6 +24,37 @@ using nlohmann::json;
 constexpr std::string_view kPrograms = "/api/v1/programs/";
 constexpr int kMaxVersions = 1000, kMaxDiagnoses = 1000, kMaxEvents = 10'000;
 
+/// What the index names; where it leads is in get() and change().
+struct IndexedPath {
+  const char *method, *path, *what;
+};
+constexpr IndexedPath kIndex[] = {
+    {"GET", "/healthz", "whether the daemon works, with its problems"},
+    {"GET", "/metrics", "metrics for Prometheus"},
+    {"GET", "/api/v1", "this index"},
+    {"GET", "/api/v1/status", "counters, versions, alarms, and the errors of the last second"},
+    {"GET", "/api/v1/models", "the model in force of every axis"},
+    {"GET", "/api/v1/models/AXIS", "versions of the model of an axis, newest first (?most=100)"},
+    {"GET", "/api/v1/diagnoses/AXIS", "diagnoses of an axis, newest first (?most=10)"},
+    {"POST", "/api/v1/diagnoses/AXIS", "requests a diagnosis"},
+    {"GET", "/api/v1/report/AXIS", "the last diagnosis as a page"},
+    {"GET", "/api/v1/events", "events, newest first (?most=100)"},
+    {"GET", "/api/v1/offsets", "whether offsets are live and armed"},
+    {"POST", "/api/v1/offsets/arm", "arms live offsets"},
+    {"POST", "/api/v1/offsets/disarm", "disarms live offsets"},
+    {"GET", "/api/v1/programs", "the programs and what is learned of them"},
+    {"PUT", "/api/v1/programs/NAME", "puts a program, a commanded path as CSV, and has it learned"},
+    {"DELETE", "/api/v1/programs/NAME", "removes a program and its correction"},
+    {"GET", "/api/v1/stream", "the live stream (server-sent events)"},
+};
+
+json index_json() {
+  json paths = json::array();
+  for (const auto& [method, path, what] : kIndex)
+    paths.push_back({{"path", path}, {"method", method}, {"what", what}});
+  return {{"schema", "servotwin.index/1"}, {"paths", paths}};
+}
+
 /// A wrong request, with the HTTP status of the answer and, where it has one, a header field.
 struct Refused : std::runtime_error {
   Refused(int the_status, const std::string& what) : std::runtime_error(what), status(the_status) {}
@@ -212,6 +243,7 @@ HttpResponse Api::get(const HttpRequest& request) {
     return know_only(request, {"of"}), report(*axis);
   know_only(request, {});
   if (path == "/healthz") return healthz();
+  if (path == "/api/v1" || path == "/api/v1/") return answer_json(index_json());
   if (path == "/metrics") return metrics();
   if (path == "/api/v1/status") return {200, "application/json", status() + "\n"};
   if (path == "/api/v1/offsets") return offsets();

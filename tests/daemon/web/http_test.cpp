@@ -52,6 +52,32 @@ TEST_F(HttpTest, ThePageIsServedWithAllItsFilesAndNothingFromElsewhere) {
   EXPECT_EQ(head.body, "");
 }
 
+TEST_F(HttpTest, TheIndexNamesThePathsThatAreThere) {
+  show();
+  const nlohmann::json index = get("/api/v1").json();
+  EXPECT_EQ(index["schema"], "servotwin.index/1");
+  EXPECT_EQ(get("/api/v1/").json(), index);
+  std::size_t read = 0, changed = 0;
+  for (const nlohmann::json& one : index["paths"]) {
+    EXPECT_NE(one["what"], "");
+    std::string path = one["path"];
+    if (path == "/api/v1/stream") continue;  // it does not end
+    for (const char* name : {"AXIS", "NAME"}) {
+      if (path.ends_with(name)) path.replace(path.size() - 4, 4, "X");
+    }
+    const HttpAnswer answer = ask(port_, one["method"], path);
+    if (one["method"] == "GET") {
+      EXPECT_THAT(answer.body, Not(HasSubstr("there is nothing at"))) << path;
+      ++read;
+    } else {  // a path that cannot be changed is refused before the token is looked at
+      EXPECT_EQ(answer.status, 401) << one;
+      ++changed;
+    }
+  }
+  EXPECT_EQ(read, 11U) << "as docs/reference.md lists them, without the page";
+  EXPECT_EQ(changed, 5U);
+}
+
 TEST_F(HttpTest, WhatIsAskedWronglyIsAnErrorThatSaysWhy) {
   show();
   struct Case {
