@@ -122,7 +122,7 @@ void run(const std::filesystem::path& file) {
                                    "checked once this is corrected";
   if (problems.size() == 1) throw std::runtime_error(problems.front() + unseen);
   if (!problems.empty()) {
-    for (const std::string& problem : problems) say(stderr, problem);
+    for (const std::string& problem : problems) complain(problem);
     throw std::runtime_error(
         file.string() +
         text(": %zu problems; the daemon would not run as configured", problems.size()) + unseen);

@@ -13,16 +13,16 @@ namespace {
 
 void run() {
   for (const FormatForm& form : recording_formats()) {
-    say(stdout, form.name);
-    say(stdout, std::string("  first line  ") + form.line);
-    say(stdout, std::string("  channels    ") + form.channels);
-    say(stdout, std::string("  --format    ") + form.id);
+    write_line(form.name);
+    write_line(std::string("  first line  ") + form.line);
+    write_line(std::string("  channels    ") + form.channels);
+    write_line(std::string("  --format    ") + form.id);
   }
   std::string_view last;
   for (const ForeignFormat& format : foreign_formats()) {
-    if (last.empty()) say(stdout, "\nNot read, but recognised:");
+    if (last.empty()) write_line("\nNot read, but recognised:");
     if (last != format.name)
-      say(stdout, std::string(format.name) + "\n  instead     " + format.advice);
+      write_line(std::string(format.name) + "\n  instead     " + format.advice);
     last = format.name;
   }
 }

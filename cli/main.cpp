@@ -13,6 +13,7 @@
 
 #include "cli/command.h"
 #include "cli/help.h"
+#include "cli/output.h"
 #include "daemon/licences.h"
 #include "daemon/unknown_option.h"
 #include "identification/least_squares/parallel.h"
@@ -31,6 +32,13 @@ int fail(int status, const std::string& command, std::string message) {
   return status;
 }
 
+/// Every command takes it as well, so that it may stand before or behind the command's name.
+void declare_quiet(CLI::App& app) {
+  app.add_flag_callback(
+      "--quiet", [] { servotwin::cli::keep_quiet(); },
+      "print results and errors only: no notes, no summaries, no progress");
+}
+
 /// All commands, under the headings of --help. One without a heading is hidden.
 std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
   using namespace servotwin::cli;
@@ -38,6 +46,7 @@ std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
   const auto group = [&](const std::string& heading, const std::vector<Command>& members) {
     for (const Command& member : members) {
       member.app->group(heading);
+      declare_quiet(*member.app);
       commands.push_back(member);
     }
   };
@@ -65,6 +74,7 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   app.get_formatter()->label("SUBCOMMAND", "COMMAND");
   app.footer("Manual: man servotwin. Exit status: 0 done, 1 the work failed, 2 wrong usage.");
+  declare_quiet(app);
   const std::vector<Command> commands = declare_commands(app);
 
   std::string name = "servotwin";

@@ -185,7 +185,7 @@ class Bridge {
       said_ = false;
       apart_s_ = relay_.now_s();
     } else if (!said_ && relay_.now_s() - apart_s_ > kPatience_s) {
-      say(stderr, "no connection to " + where_ + ": " + problem() + "; trying again");
+      complain("no connection to " + where_ + ": " + problem() + "; trying again");
       said_ = true;
     }
   }

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <charconv>
 #include <cstdarg>
 #include <nlohmann/json.hpp>
@@ -39,11 +40,27 @@ std::FILE* people_beside(std::initializer_list<std::filesystem::path> results) {
   return on_stdout == 1 ? stderr : stdout;
 }
 
-void say(std::FILE* people, std::string_view line) {
-  std::fwrite(line.data(), 1, line.size(), people);
-  std::fputc('\n', people);
-  std::fflush(people);  // in a pipe as well, people see it when it is said
+namespace {
+
+std::atomic<bool> quiet{false};
+
+void put_line(std::FILE* out, std::string_view line) {
+  std::fwrite(line.data(), 1, line.size(), out);
+  std::fputc('\n', out);
+  std::fflush(out);  // in a pipe as well, people see it when it is said
 }
+
+}  // namespace
+
+void keep_quiet() { quiet = true; }
+
+void say(std::FILE* people, std::string_view line) {
+  if (!quiet) put_line(people, line);
+}
+
+void complain(std::string_view line) { put_line(stderr, line); }
+
+void write_line(std::string_view line) { put_line(stdout, line); }
 
 void write_result(const std::filesystem::path& file, std::string_view content) {
   if (is_stdout(file)) {
@@ -74,8 +91,11 @@ std::string csv(const std::vector<Column>& columns) {
   return out;
 }
 
-Progress::Progress(std::string what) : what_(std::move(what)) {
-  if (::isatty(STDERR_FILENO) == 1) thread_ = std::thread(&Progress::run, this);
+Progress::Progress(std::string what, std::FILE* out, std::chrono::milliseconds period)
+    : what_(std::move(what)), out_(out), period_(period) {
+  if (quiet) return;
+  const bool terminal = ::isatty(::fileno(out)) == 1;
+  thread_ = std::thread(terminal ? &Progress::run_on_terminal : &Progress::run_in_lines, this);
 }
 
 Progress::~Progress() {
@@ -88,16 +108,25 @@ Progress::~Progress() {
   thread_.join();
 }
 
-void Progress::run() {
-  using namespace std::chrono_literals;
+bool Progress::done_within(std::chrono::milliseconds time) {
   std::unique_lock lock(mutex_);
+  return done_changed_.wait_for(lock, time, [&] { return done_; });
+}
+
+void Progress::run_on_terminal() {
+  using namespace std::chrono_literals;
   auto waited = 2s;
-  if (done_changed_.wait_for(lock, waited, [&] { return done_; })) return;
+  if (done_within(waited)) return;
   do {
-    std::fprintf(stderr, "\r%s ... %d s", what_.c_str(), static_cast<int>(waited.count()));
+    std::fprintf(out_, "\r%s ... %d s", what_.c_str(), static_cast<int>(waited.count()));
     waited += 1s;
-  } while (!done_changed_.wait_for(lock, 1s, [&] { return done_; }));
-  std::fputs("\r\x1b[K", stderr);  // the line is erased
+  } while (!done_within(1s));
+  std::fputs("\r\x1b[K", out_);  // the line is erased
+}
+
+void Progress::run_in_lines() {
+  for (auto waited = period_; !done_within(period_); waited += period_)
+    put_line(out_, text("%s, %g s", what_.c_str(), 1e-3 * static_cast<double>(waited.count())));
 }
 
 }  // namespace servotwin::cli

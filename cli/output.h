@@ -25,8 +25,15 @@ namespace servotwin::cli {
 /// written.
 [[nodiscard]] std::FILE* people_beside(std::initializer_list<std::filesystem::path> results);
 
-/// Prints one line.
+/// --quiet: from now on say() and Progress print nothing. Any thread.
+void keep_quiet();
+/// Prints one line of text for people.
 void say(std::FILE* people, std::string_view line);
+/// Prints one line of an error on standard error, also after keep_quiet(). For work that goes on;
+/// an error that ends it is thrown.
+void complain(std::string_view line);
+/// Prints one line of a result on standard output, also after keep_quiet().
+void write_line(std::string_view line);
 
 /// Writes a result completely or not at all; "-" is standard output. Throws std::runtime_error.
 void write_result(const std::filesystem::path& file, std::string_view content);
@@ -40,19 +47,26 @@ struct Column {
 };
 [[nodiscard]] std::string csv(const std::vector<Column>& columns);
 
-/// During its lifetime, if standard error is a terminal, shows there what the program is doing,
-/// beginning after two seconds.
+/// During its lifetime shows what the program is doing, and for how long: on a terminal in one line
+/// that changes every second, beginning after two; in a pipe or a file in a new line per `period`,
+/// so that nobody waits before a silent log. Nothing after keep_quiet().
 class Progress {
  public:
-  explicit Progress(std::string what);
+  explicit Progress(std::string what, std::FILE* out = stderr,
+                    std::chrono::milliseconds period = std::chrono::seconds(10));
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
  private:
-  void run();
+  void run_on_terminal();
+  void run_in_lines();
+  /// Whether the work is done after at most this time.
+  [[nodiscard]] bool done_within(std::chrono::milliseconds time);
 
   std::string what_;
+  std::FILE* out_;
+  std::chrono::milliseconds period_;
   std::mutex mutex_;
   std::condition_variable done_changed_;
   bool done_ = false;

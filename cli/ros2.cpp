@@ -87,7 +87,7 @@ void run(const Ros2Arguments& arguments) {
         was_there = there;
       });
   if (topics.failed() > 0)
-    say(stderr, std::to_string(topics.failed()) + " messages could not be sent");
+    complain(std::to_string(topics.failed()) + " messages could not be sent");
   if (!interrupted && !relay.record().status()) throw no_daemon(subscriber.node(), bus);
 }
 

@@ -43,12 +43,12 @@ class Display {
 
   void show(const LiveRecord& record, double seconds) {
     if (!arguments_.result.empty()) {
-      say(stdout, line_json(record, arguments_.bus.place.machine, seconds).dump());
+      write_line(line_json(record, arguments_.bus.place.machine, seconds).dump());
     } else if (!screen_) {
       say(stdout, line_of(record, seconds));
     } else {
-      if (shown_ > 0) std::fputs(text("\x1b[%zuA\x1b[J", shown_).c_str(), stdout);
-      const auto lines = screen_lines(record, arguments_.bus.text(), seconds);
+      auto lines = screen_lines(record, arguments_.bus.text(), seconds);
+      if (shown_ > 0) lines.front().insert(0, text("\x1b[%zuA\x1b[J", shown_));
       for (const std::string& line : lines) say(stdout, line);
       shown_ = lines.size();
     }
