@@ -8,6 +8,7 @@
 #include <cstring>
 #include <exception>
 #include <new>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -23,12 +24,13 @@ namespace {
 constexpr int kFailed = 1;
 constexpr int kUsage = 2;
 
-int fail(int status, const std::string& command, std::string message) {
-  // One line, even if a library put line breaks into the message.
-  std::replace(message.begin(), message.end(), '\n', ' ');
-  while (!message.empty() && message.back() == ' ') message.pop_back();
+/// A file may have several problems; each is a line of the message.
+int fail(int status, const std::string& command, const std::string& message) {
   std::fflush(stdout);  // what was read comes before why it failed, in a pipe as well
-  std::fprintf(stderr, "%s: %s\n", command.c_str(), message.c_str());
+  std::istringstream lines(message);
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.empty()) servotwin::cli::complain(command + ": " + line);
+  }
   return status;
 }
 

@@ -31,8 +31,8 @@ ManualText servotwin_manual_text() {
                .paragraphs = {},
                .entries = {{"0", "The command did its work."},
                            {"1",
-                            "The work failed. One line on standard error says what failed and "
-                            "what to do."},
+                            "The work failed. A line on standard error for each problem says what "
+                            "failed and what to do."},
                            {"2",
                             "The command line is wrong. One line on standard error says where."}},
                .examples = {},

@@ -81,6 +81,21 @@ TEST_F(CanOnTheCommandLine, ALogWithoutAMappingAndAMappingWithoutALog) {
   says({"identify", no_sync, "--axis", "X", "--can-map", kMap}, 1, "no frame with id 0x080");
 }
 
+TEST_F(CanOnTheCommandLine, EveryProblemOfAMappingIsALine) {
+  const std::string log = folder_.write("run.log", "(1.0) can0 080#\n");
+  const std::string map =
+      folder_.write("bad.toml",
+                    "cycle_s = -1\n[[bus]]\nname = \"can0\"\nspeed = 5\n[[axis]]\nname = \"X\"\n"
+                    "command = {id = 0x181, start_bit = 0, length = 99, unit = \"um\"}\n");
+  const Answer answer = servotwin_says({"identify", log, "--axis", "X", "--can-map", map});
+  EXPECT_EQ(answer.status, 1) << answer;
+  ASSERT_GE(answer.complaints().size(), 3U) << answer;
+  for (const std::string& line : answer.complaints()) {
+    EXPECT_TRUE(line.starts_with("servotwin identify: " + map + ":")) << line;
+    EXPECT_EQ(line.find(map), line.rfind(map)) << line;
+  }
+}
+
 /// The frames on the bus while the program runs. A busy host may delay it for seconds, so the wait
 /// ends with the expected frames; further ones are received, too.
 std::vector<CanFrame> heard(CanUdp& bus, Program& program, std::size_t expected, Answer& answer) {
