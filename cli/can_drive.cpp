@@ -34,17 +34,21 @@ void drive_on_can(const CanDriveOptions& options) {
   if (options.map.empty())
     throw UsageError("--can-map F.toml is required: it maps the bits of frames to signals");
   const CanMap map = load_can_map(options.map);
-  if (map.buses.size() != options.interfaces.size()) {
-    throw UsageError(text("the mapping has %zu buses (%s), and --can names %zu", map.buses.size(),
-                          listed(map.buses).c_str(), options.interfaces.size()));
+  const bool udp = !options.udp.peer.empty();
+  const std::size_t given = udp ? 1 : options.interfaces.size();
+  if (map.buses.size() != given) {
+    throw UsageError(text("the mapping has %zu buses (%s), but %zu are given", map.buses.size(),
+                          listed(map.buses).c_str(), given));
   }
   VirtualDrive drive(map, twins_of(map, options.models));
-  std::vector<std::unique_ptr<SocketCan>> buses;
+  std::vector<std::unique_ptr<CanBus>> buses;
+  if (udp) buses.push_back(std::make_unique<CanUdp>(options.udp));
   for (const std::string& interface : options.interfaces)
     buses.push_back(std::make_unique<SocketCan>(interface));
-  say(stdout, "answering on " + listed(options.interfaces) + " as the drives of " +
-                  std::to_string(map.machine.axes.size()) + " axes");
-  std::fflush(stdout);
+  say(stdout, "answering " +
+                  (udp ? options.udp.peer + " at " + options.udp.listen
+                       : "on " + listed(options.interfaces)) +
+                  " as the drives of " + std::to_string(map.machine.axes.size()) + " axes");
 
   const Interrupt interrupt;
   const std::int64_t begin = daemon::steady_ns();

@@ -1,15 +1,18 @@
-// servotwin simulate --can: models answer on CAN buses as the drives of a machine.
+// servotwin simulate --can, --udp: models answer on CAN buses as the drives of a machine.
 #pragma once
 
 #include <filesystem>
 #include <string>
 #include <vector>
 
+#include "drivers/can_udp.h"
+
 namespace servotwin::cli {
 
 struct CanDriveOptions {
   std::vector<std::filesystem::path> models;
   std::vector<std::string> interfaces;
+  CanUdpPlace udp;  ///< with a peer: this bus in place of the interfaces
   std::filesystem::path map;
   double seconds = 0.0;  ///< 0: until interrupted (SIGINT, SIGTERM)
 };

@@ -32,19 +32,23 @@ struct SimulateArguments {
   Encoder encoder;
   std::uint64_t seed = 1;
   std::vector<std::string> can;
+  CanUdpPlace udp;
   double seconds = 0.0;
 };
 
 void run(const SimulateArguments& arguments) {
-  if (!arguments.can.empty()) {
+  if (!arguments.can.empty() && !arguments.udp.peer.empty())
+    throw UsageError("choose one bus: --can or --udp");
+  if (!arguments.can.empty() || !arguments.udp.peer.empty()) {
     if (!arguments.commands.path.file.empty() || !arguments.table.empty())
-      throw UsageError("with --can, commands and answers are on the bus: leave PATH and --out out");
-    drive_on_can({arguments.commands.models, arguments.can,
+      throw UsageError(
+          "with --can and --udp, commands and answers are on the bus: leave PATH and --out out");
+    drive_on_can({arguments.commands.models, arguments.can, arguments.udp,
                   arguments.commands.path.read_options.can_map, arguments.seconds});
     return;
   }
   if (arguments.commands.path.file.empty()) throw UsageError("PATH is required");
-  if (arguments.seconds > 0.0) throw UsageError("--seconds is for --can");
+  if (arguments.seconds > 0.0) throw UsageError("--seconds is for --can and --udp");
   std::FILE* people = people_beside({arguments.table});
   std::vector<Column> columns;
   for (const auto& [record, model, segment] :
@@ -114,7 +118,16 @@ Command add_simulate(CLI::App& app) {
               "act as the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
       .takes("IF,..")
       .comma_separated();
-  command.option("--seconds", arguments->seconds, "with --can: end after this time")
+  command
+      .option("--udp", arguments->udp.peer,
+              "the same on CAN over UDP (cannelloni's format), with the controller at this address")
+      .takes("HOST:PORT");
+  command
+      .option("--listen", arguments->udp.listen,
+              "with --udp: local address where its frames arrive (default " +
+                  arguments->udp.listen + ")")
+      .takes("ADDRESS:PORT");
+  command.option("--seconds", arguments->seconds, "with --can or --udp: end after this time")
       .takes("S")
       .between(1e-3, 1e9);
   command.option("--seed", arguments->seed, "seed of the noise (default 1)").takes("N");

@@ -5,12 +5,15 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "drivers/can_encoder.h"
 #include "drivers/can_udp.h"
 #include "drivers/candump.h"
 #include "drivers/recording_file.h"
 #include "tests/cli/program.h"
+#include "tests/cli/recordings.h"
+#include "tests/support/free_port.h"
 
 namespace servotwin {
 namespace {
@@ -146,6 +149,30 @@ TEST_F(CanOnTheCommandLine, ReplaysARecordingThroughAMapping) {
     if (frames[i].id != map_.messages[actual.message].id) continue;
     EXPECT_NEAR(decoded(actual.signal, frames[i].data), recording_.axes[1].actual[i / 5], 5.1e-8);
   }
+}
+
+// The controller of this test sends a SYNC; the virtual drives answer with what they measure.
+TEST_F(CanOnTheCommandLine, SimulatedDrivesAnswerOverUdp) {
+  write_model(folder_ / "x.json", known_axis("X"));
+  write_model(folder_ / "y.json", known_axis("Y"));
+  const std::string drives = "127.0.0.1:" + std::to_string(test::free_port());
+  CanUdp bus({"127.0.0.1:0", drives});
+  Program program({"simulate", "--model", folder_ / "x.json", "--model", folder_ / "y.json",
+                   "--can-map", kMap, "--listen", drives, "--udp",
+                   "127.0.0.1:" + std::to_string(bus.port())});
+  const CanEncoder encoder(map_);
+  const CanFrame sync = encoder.start();
+  std::set<std::uint32_t> heard;
+  std::array<CanFrame, 64> batch;
+  for (int turn = 0; turn < 1500 && heard.size() < 4; ++turn) {
+    (void)bus.send({&sync, 1});  // lost until the drives listen
+    const std::size_t count = bus.receive(batch, 0.04);
+    for (std::size_t i = 0; i < count; ++i) heard.insert(batch[i].id);
+  }
+  program.interrupt();
+  const Answer answer = program.answer();
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_EQ(heard, (std::set<std::uint32_t>{0x181, 0x182, 0x281, 0x282}));
 }
 
 }  // namespace
