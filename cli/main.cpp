@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "cli/command.h"
+#include "cli/examples.h"
 #include "cli/help.h"
 #include "cli/output.h"
 #include "daemon/licences.h"
@@ -41,6 +42,14 @@ void declare_quiet(CLI::App& app) {
       "print results and errors only: no notes, no summaries, no progress");
 }
 
+/// The examples of a command, above what --help of every command ends with.
+std::string examples_text(const CLI::App& command) {
+  std::string out = "Example:\n";
+  for (const std::string& line : servotwin::cli::examples_of(command.get_name()))
+    out += "  " + line + "\n";
+  return out + "\n";
+}
+
 /// All commands, under the headings of --help. One without a heading is hidden.
 std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
   using namespace servotwin::cli;
@@ -48,6 +57,7 @@ std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
   const auto group = [&](const std::string& heading, const std::vector<Command>& members) {
     for (const Command& member : members) {
       member.app->group(heading);
+      member.app->footer(examples_text(*member.app) + app.get_footer());
       declare_quiet(*member.app);
       commands.push_back(member);
     }

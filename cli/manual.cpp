@@ -9,6 +9,8 @@
 #include <tuple>
 #include <utility>
 
+#include "cli/examples.h"
+
 namespace servotwin::cli {
 namespace {
 
@@ -119,6 +121,10 @@ std::string page_name(const std::string& page) {
   return bold(page.substr(0, open)) + page.substr(open);
 }
 
+std::string example_line(const std::string& line) {
+  return ".PP\n.RS 4\n.EX\n" + guarded(literal(line)) + ".EE\n.RE\n";
+}
+
 std::string section(const ManualSection& section) {
   std::string out = heading(".SH", section.title);
   bool first = true;
@@ -130,8 +136,7 @@ std::string section(const ManualSection& section) {
     out += ".TP\n" + guarded(bold(entry.term)) + prose(entry.meaning);
   }
   for (const ManualExample& example : section.examples) {
-    out += (first ? "" : ".PP\n") + prose(example.purpose) + ".PP\n.RS 4\n.EX\n" +
-           guarded(literal(example.line)) + ".EE\n.RE\n";
+    out += (first ? "" : ".PP\n") + prose(example.purpose) + example_line(example.line);
     first = false;
   }
   return out;
@@ -237,6 +242,7 @@ std::string command_section(const std::string& program, const Usage& command,
   if (!elsewhere.empty()) {
     out += ".PP\nAlso, as described under COMMON OPTIONS:\n" + joined(elsewhere, ",\n") + ".\n";
   }
+  for (const std::string& line : examples_of(command.name)) out += example_line(line);
   return out;
 }
 

@@ -170,6 +170,36 @@ TEST(Usage, HelpNamesEveryCommand) {
   EXPECT_EQ(servotwin_says({"help"}).out, answer.out);
 }
 
+/// The words of a line.
+std::vector<std::string> split_at_blanks(const std::string& line) {
+  std::istringstream in(line);
+  std::vector<std::string> words;
+  for (std::string word; in >> word;) words.push_back(word);
+  return words;
+}
+
+TEST(Usage, HelpOfEveryCommandEndsWithAnExample) {
+  std::istringstream help(servotwin_says({"--help"}).out);
+  std::size_t commands = 0;
+  bool options_over = false;
+  for (std::string line; std::getline(help, line);) {
+    options_over = options_over || line.starts_with("Models of axes:");
+    if (!options_over || !line.starts_with("  ") || line.starts_with("   ")) continue;
+    const std::string command = split_at_blanks(line).front();
+    ++commands;
+    const std::string text = servotwin_says({command, "--help"}).out;
+    const std::size_t at = text.find("\nExample:\n  servotwin " + command);
+    ASSERT_NE(at, text.npos) << text;
+    // Its options are those of the command.
+    for (const std::string& word : split_at_blanks(text.substr(at))) {
+      if (word.starts_with("--")) {
+        EXPECT_LT(text.find("  " + word + " "), at) << command << ' ' << word;
+      }
+    }
+  }
+  EXPECT_EQ(commands, 26U);
+}
+
 TEST(Usage, HelpGroupsTheCommandsByTaskAndNamesTheManual) {
   const std::string help = servotwin_says({"--help"}).out;
   std::size_t before = 0;
