@@ -124,9 +124,9 @@ struct HttpConfig {
 };
 
 struct Config {
-  std::string machine = "machine";  ///< 1..63 characters
-  std::optional<double> cycle_s;    ///< absent: given by the source
-  std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: given by the source
+  std::string machine = "machine";       ///< 1..63 characters
+  std::optional<double> cycle_s;         ///< absent: given by the source
+  std::vector<AxisConfig> axes;          ///< in the order of the frames; empty: given by the source
   SourceKind source = SourceKind::kDds;  ///< that of the first axis' command: the cycles are its
   std::optional<SourceKind> second;      ///< another one beside it, as the axes say
   DdsConfig dds;  ///< where the daemon publishes, whatever the source of its frames is
