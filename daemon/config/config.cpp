@@ -182,9 +182,14 @@ void choose_sources(Section& source, const std::vector<AxisSources>& named, Conf
   const auto first = std::find_if(named.begin(), named.end(), [](const AxisSources& axis) {
     return !axis.command.name.empty();
   });
+  const auto encoder = std::find_if(named.begin(), named.end(), [](const AxisSources& axis) {
+    return !axis.encoder.name.empty();
+  });
   std::string chosen = given.empty() ? "dds" : given.front();
   if (first != named.end()) {
     chosen = first->command.name;
+  } else if (encoder != named.end() && encoder->encoder.name != "dds") {
+    chosen = "dds";  // an encoder from elsewhere than the command
   } else if (given.size() > 1) {
     source.report(
         given.back(),
@@ -444,10 +449,14 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
   Section ilc = root.section("ilc");
-  if (config.second && config.source != SourceKind::kDds && ilc.has("live"))
-    ilc.report("live",
-               "of two sources offsets are only sent over DDS, to where the commands of the "
-               "first axis must come from");
+  const bool all_by_dds =
+      std::all_of(config.axes.begin(), config.axes.end(),
+                  [](const AxisConfig& axis) { return axis.command == SourceKind::kDds; });
+  if (config.second && !all_by_dds && ilc.has("live"))
+    ilc.report(
+        "live",
+        "of two sources offsets are only sent over DDS: the commands of all axes must come from "
+        "there");
   read_ilc(std::move(ilc), config.axes, folder, config.ilc);
 
   Section store = root.section("store");

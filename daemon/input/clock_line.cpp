@@ -12,10 +12,11 @@ constexpr double kInterval_s = 0.5;  // of each least delay; 64 of them are half
 // Over less the jitter of two frames looks like a drift.
 constexpr double kDriftFrom_s = 3.0;
 constexpr double kMaxDrift = 5e-4;  // of a quartz in heat or cold; more is no clock
-// No network is faster than the line by this much, and no jitter keeps all frames of a second above
-// it by so much: the clock was set.
-constexpr double kSetBack_ns = 1e6, kSetForward_ns = 5e6;
-constexpr int kIntervalsAbove = 2;
+// No frame comes so much earlier than the line: the clock was set forward.
+constexpr double kSetForward_ns = 0.3e6;
+// No jitter keeps all frames of two seconds so much later: it was set back.
+constexpr double kSetBack_ns = 1e6;
+constexpr int kIntervalsAbove = 4;
 
 }  // namespace
 
@@ -39,11 +40,11 @@ void ClockLine::add(std::int64_t stamp_ns, std::int64_t arrival_ns) noexcept {
                delay_ns = static_cast<double>(
                    between_ns(by_stamp_ns, between_ns(first_arrival_ns_, arrival_ns)));
   const double above_ns = delay_ns - line_at(stamp_s);
-  if (stamp_s < last_stamp_s_ - kInterval_s || (settled_ && above_ns < -kSetBack_ns))
+  if (stamp_s < last_stamp_s_ - kInterval_s || (settled_ && above_ns < -kSetForward_ns))
     return begin(stamp_ns, arrival_ns);
   last_stamp_s_ = std::max(last_stamp_s_, stamp_s);
   if (stamp_s >= interval_end_s_) {
-    intervals_above_ = least_above_ns_ > kSetForward_ns ? intervals_above_ + 1 : 0;
+    intervals_above_ = least_above_ns_ > kSetBack_ns ? intervals_above_ + 1 : 0;
     if (intervals_above_ == kIntervalsAbove) return begin(stamp_ns, arrival_ns);
     fit();
     if (count_ == kPoints) {
@@ -92,7 +93,10 @@ void ClockLine::fit() noexcept {
 std::int64_t ClockLine::steady_ns(std::int64_t stamp_ns) const noexcept {
   const std::int64_t by_stamp_ns = between_ns(first_stamp_ns_, stamp_ns);
   const double line_ns = line_at(1e-9 * static_cast<double>(by_stamp_ns));
-  return first_arrival_ns_ + by_stamp_ns + std::llround(line_ns);
+  // Stamps of any value: wraps around instead of overflowing, as between_ns.
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(first_arrival_ns_) +
+                                   static_cast<std::uint64_t>(by_stamp_ns) +
+                                   static_cast<std::uint64_t>(std::llround(line_ns)));
 }
 
 }  // namespace servotwin::daemon

@@ -10,16 +10,16 @@
 namespace servotwin::daemon {
 namespace {
 
-// A cycle waits this long for the second stream, in cycles: one until its next sample, and two for
-// its way.
+// A cycle waits this long for the second stream, in cycles of the slower one: one until its next
+// sample, and two for its way. Samples that are further apart have others missing between them.
 constexpr std::int64_t kPatience_cycles = 3;
 
 }  // namespace
 
-FrameJoin::FrameJoin(std::vector<JoinedAxis> axes, double cycle_s,
+FrameJoin::FrameJoin(std::vector<JoinedAxis> axes, std::array<double, 2> cycles_s,
                      std::array<bool, 2> by_wall_clock)
     : axes_(std::move(axes)),
-      cycle_ns_(std::llround(1e9 * cycle_s)),
+      wait_ns_(kPatience_cycles * std::llround(1e9 * std::max(cycles_s[0], cycles_s[1]))),
       by_wall_clock_(by_wall_clock) {
   bool there = !axes_.empty() && axes_.size() <= static_cast<std::size_t>(kMaxAxes);
   for (const JoinedAxis& axis : axes_) {
@@ -30,7 +30,7 @@ FrameJoin::FrameJoin(std::vector<JoinedAxis> axes, double cycle_s,
       least = std::max(least, static_cast<int>(place.axis) + 1);
     }
   }
-  if (!there || cycle_ns_ <= 0)
+  if (!there || !(std::min(cycles_s[0], cycles_s[1]) > 0.0))
     throw std::invalid_argument("joined frames need a cycle and 1 to " + std::to_string(kMaxAxes) +
                                 " axes of theirs");
 }
@@ -71,18 +71,18 @@ bool FrameJoin::between(std::int64_t moment_ns, Between& out) const noexcept {
   const auto time = [&](std::size_t i) { return steady_of(1, back(i).stamp_ns); };
   for (std::size_t i = 0; i + 1 < sample_count_; ++i) {
     const std::int64_t before = time(i + 1), after = time(i);
-    if (before > moment_ns) continue;
-    const double step = static_cast<double>(after - before),
-                 x = static_cast<double>(moment_ns - before);
-    if (!(step > 0.0) || x > step) return false;
+    if (between_ns(moment_ns, before) > 0) continue;
+    const auto step = static_cast<double>(between_ns(before, after)),
+               x = static_cast<double>(between_ns(before, moment_ns));
+    if (!(step > 0.0 && step <= static_cast<double>(wait_ns_)) || x > step) return false;
     out.after = x / step;
     out.samples = {&back(i + 1), &back(i + 1), &back(i)};
     out.weights = {0.0, 1.0 - out.after, out.after};
     if (i + 2 >= sample_count_) return true;
     // The parabola through one sample more: at 5 m/s^2 a straight line between samples 1 ms apart
     // misses 0.6 um.
-    const double last_step = static_cast<double>(before - time(i + 2));
-    if (!(last_step > 0.0)) return true;
+    const auto last_step = static_cast<double>(between_ns(time(i + 2), before));
+    if (!(last_step > 0.0 && last_step <= static_cast<double>(wait_ns_))) return true;
     out.samples[0] = &back(i + 2);
     out.weights = {x * (x - step) / (last_step * (last_step + step)),
                    (x + last_step) * (step - x) / (last_step * step),
@@ -146,9 +146,10 @@ bool FrameJoin::take(MachineFrame& frame, std::int64_t now_ns) noexcept {
   if (waiting_count_ == 0) return false;
   const Waiting& oldest = waiting_[first_waiting_];
   const std::int64_t moment = steady_of(0, oldest.frame.time_ns);
-  const bool complete = !clocks_known() ||
-                        (sample_count_ > 0 && steady_of(1, back(0).stamp_ns) >= moment) ||
-                        now_ns - oldest.arrival_ns >= kPatience_cycles * cycle_ns_;
+  const bool complete =
+      !clocks_known() ||
+      (sample_count_ > 0 && between_ns(moment, steady_of(1, back(0).stamp_ns)) >= 0) ||
+      between_ns(oldest.arrival_ns, now_ns) >= wait_ns_;
   if (!complete) return false;
   join(oldest.frame, moment, frame);
   compare_clocks(oldest.frame.time_ns);

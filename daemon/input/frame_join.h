@@ -2,9 +2,10 @@
 // moment. Both clocks are brought to the steady clock of this host (clock_line.h), and the values
 // of the second are interpolated between its samples.
 //
-// A cycle is ready as soon as the second stream has a sample after it, or three cycles after it
-// came: then what the second lacks is NaN. Until the clocks are known, some three seconds, all of
-// it is NaN.
+// A cycle is ready as soon as the second stream has a sample after it, or after three cycles of the
+// slower stream: then what the second lacks is NaN, as it is between samples that are further
+// apart. Positions that go round are interpolated as they are: the streams must not have any. Until
+// the clocks are known, some three seconds, all of it is NaN.
 //
 // A pure function of frames and times. One thread; allocates nothing after construction, throws
 // nothing then.
@@ -37,10 +38,11 @@ class FrameJoin {
     std::array<AxisSample, kMaxAxes> axes;
   };
 
-  /// `cycle_s`: of the first stream. `by_wall_clock`: whose stamps are of this host's wall clock,
+  /// `cycles_s`: of the two streams. `by_wall_clock`: whose stamps are of this host's wall clock,
   /// which then need not be found. Throws std::invalid_argument if there are no axes, too many, or
   /// one that is in no stream.
-  FrameJoin(std::vector<JoinedAxis> axes, double cycle_s, std::array<bool, 2> by_wall_clock);
+  FrameJoin(std::vector<JoinedAxis> axes, std::array<double, 2> cycles_s,
+            std::array<bool, 2> by_wall_clock);
 
   /// How many axes the frames of a stream have at least.
   [[nodiscard]] int axes_of(std::size_t stream) const noexcept { return axes_of_[stream]; }
@@ -76,7 +78,7 @@ class FrameJoin {
   void compare_clocks(std::int64_t stamp_ns) noexcept;
 
   std::vector<JoinedAxis> axes_;
-  std::int64_t cycle_ns_;
+  std::int64_t wait_ns_;
   std::array<bool, 2> by_wall_clock_;
   std::array<int, 2> axes_of_{};
   std::int64_t wall_ahead_ns_ = 0;

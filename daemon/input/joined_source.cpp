@@ -14,16 +14,19 @@ namespace {
 // How often a waiting cycle looks for a sample of the second source, in parts of a cycle.
 constexpr double kLooksPerCycle = 8.0;
 constexpr double kFollowerTimeout_s = 0.1;
+// Of the first source: as long as the samples of the second have room.
+constexpr double kMaxWait_s = 0.02;
 // Three times what the clocks take to be known.
 constexpr std::int64_t kUnknown_ns = 10'000'000'000;
 
 }  // namespace
 
-JoinedSource::JoinedSource(std::array<Part, 2> parts, std::vector<JoinedAxis> axes, double cycle_s)
+JoinedSource::JoinedSource(std::array<Part, 2> parts, std::vector<JoinedAxis> axes,
+                           std::array<double, 2> cycles_s)
     : parts_(std::move(parts)),
-      join_(std::move(axes), cycle_s,
+      join_(std::move(axes), cycles_s,
             {parts_[0].source->stamped_here(), parts_[1].source->stamped_here()}),
-      look_s_(cycle_s / kLooksPerCycle) {}
+      look_s_(cycles_s[0] / kLooksPerCycle) {}
 
 void JoinedSource::follow(const std::stop_token& stop) noexcept {
   MachineFrame frame;
@@ -31,7 +34,11 @@ void JoinedSource::follow(const std::stop_token& stop) noexcept {
   while (!stop.stop_requested()) {
     const Received received = parts_[1].source->receive(frame, kFollowerTimeout_s);
     if (received == Received::kEnd) return;
-    if (received == Received::kNothing || frame.axis_count < join_.axes_of(1)) continue;
+    if (received == Received::kNothing) continue;
+    if (frame.axis_count < join_.axes_of(1)) {
+      malformed_.fetch_add(1, std::memory_order_relaxed);  // for display
+      continue;
+    }
     sample = {frame.time_ns, steady_ns(), frame.axes};
     arrived_.push(sample);  // without room its cycles are absent, and counted there
   }
@@ -73,18 +80,20 @@ Received JoinedSource::receive(MachineFrame& frame, double timeout_s) noexcept {
     const double left_s = 1e-9 * static_cast<double>(until - steady_ns());
     if (!(left_s > 0.0)) return Received::kNothing;
     const Received received =
-        parts_[0].source->receive(first_, join_.waiting() ? std::min(left_s, look_s_) : left_s);
+        parts_[0].source->receive(first_, std::min(left_s, join_.waiting() ? look_s_ : kMaxWait_s));
     if (received == Received::kEnd) ended_ = true;
     if (received == Received::kFrame) join_.add_first(first_, steady_ns());
   }
 }
 
-std::int64_t JoinedSource::age_ns() const noexcept { return steady_ns() - join_.moment_ns(); }
+std::int64_t JoinedSource::age_ns() const noexcept {
+  return between_ns(join_.moment_ns(), steady_ns());
+}
 
 SourceState JoinedSource::state(std::int64_t now_ns) const {
   SourceState out = parts_[0].source->state(now_ns), second = parts_[1].source->state(now_ns);
   out.silent = out.silent || second.silent;
-  out.malformed += second.malformed;
+  out.malformed += second.malformed + malformed_.load(std::memory_order_relaxed);
   out.buses.insert(out.buses.end(), second.buses.begin(), second.buses.end());
   out.clocks = {settled_.load(std::memory_order_relaxed), ahead_s_.load(std::memory_order_relaxed),
                 drift_.load(std::memory_order_relaxed), absent_.load(std::memory_order_relaxed)};

@@ -27,7 +27,8 @@ class JoinedSource final : public FrameSource {
     std::string name;  ///< "dds", for messages
   };
   /// Errors: as FrameJoin.
-  JoinedSource(std::array<Part, 2> parts, std::vector<JoinedAxis> axes, double cycle_s);
+  JoinedSource(std::array<Part, 2> parts, std::vector<JoinedAxis> axes,
+               std::array<double, 2> cycles_s);
 
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
@@ -51,7 +52,7 @@ class JoinedSource final : public FrameSource {
   // For state(), each for itself: figures for people.
   std::atomic<bool> settled_{false};
   std::atomic<double> ahead_s_{0.0}, drift_{0.0};
-  std::atomic<std::uint64_t> absent_{0};
+  std::atomic<std::uint64_t> absent_{0}, malformed_{0};
   // Of news().
   bool reported_settled_ = false, reported_unknown_ = false;
   std::int64_t unknown_since_ns_ = 0;  // 0: they are known, or no frames come

@@ -180,8 +180,14 @@ std::vector<JoinedAxis> joined_axes(const Config& config, const CanMap& map) {
       if (found->rotary != axis.rotary)
         refuse(std::string("is in ") + (axis.rotary ? "rad" : "m") +
                " in the configuration, and in the other unit in the CAN mapping");
-      if (map.find(at, channel) == nullptr && map.find(at, CanChannel::kFollowingError) == nullptr)
+      const auto there = [&](CanChannel one) { return map.find(at, one) != nullptr; };
+      if (!there(channel) && !(channel == CanChannel::kCommand && there(CanChannel::kActual) &&
+                               there(CanChannel::kFollowingError)))
         refuse("the CAN mapping has no '" + std::string(name_of(channel)) + "' of it");
+      if (axis.command != axis.encoder && map.find(at, channel) != nullptr &&
+          map.find(at, channel)->turn > 0.0)
+        refuse("rollover of '" + std::string(name_of(channel)) +
+               "' in the CAN mapping: which turn it is only a command on the same bus can tell");
       return JoinedAxis::Place{kind == config.source ? 0U : 1U, at};
     };
     out.push_back(
@@ -191,11 +197,30 @@ std::vector<JoinedAxis> joined_axes(const Config& config, const CanMap& map) {
   return out;
 }
 
+/// The axes of the configuration, each with the unit of the torque that a mapping gives it. Throws
+/// std::runtime_error if the configuration has another one.
+MachineDescription joined_machine(const Config& config, const CanMap& map,
+                                  const std::vector<JoinedAxis>& axes) {
+  MachineDescription out = described_by(config);
+  for (std::size_t i = 0; i < config.axes.size(); ++i) {
+    const std::size_t at = axes[i].actual.axis;
+    if (config.axes[i].encoder == SourceKind::kDds || map.find(at, CanChannel::kTorque) == nullptr)
+      continue;
+    const std::string& unit = map.machine.axes[at].torque_unit;
+    if (!out.axes[i].torque_unit.empty() && out.axes[i].torque_unit != unit)
+      throw std::runtime_error("axis '" + out.axes[i].name + "': torque_unit is " +
+                               out.axes[i].torque_unit + " in the configuration and " + unit +
+                               " in the CAN mapping");
+    out.axes[i].torque_unit = unit;
+  }
+  return out;
+}
+
 /// Frames by DDS and a mapping of buses as one machine.
 MachineInput joining(const Config& config, const DdsNode& node_in, EventLog& events) {
   MachineInput bus = listening(config, events);
   std::vector<JoinedAxis> axes = joined_axes(config, *bus.map);
-  MachineDescription machine = described_by(config);
+  MachineDescription machine = joined_machine(config, *bus.map, axes);
   const bool dds_first = config.source == SourceKind::kDds;
   if (!dds_first) machine.cycle_s = bus.machine.cycle_s;
   JoinedSource::Part dds{std::make_unique<DdsSource>(node_in), "dds"},
@@ -206,8 +231,9 @@ MachineInput joining(const Config& config, const DdsNode& node_in, EventLog& eve
   events.note(
       "source", "",
       "the cycles are those of " + parts[0].name + ", and " + parts[1].name + " is joined to them");
-  const double cycle_s = machine.cycle_s;
-  return {std::make_unique<JoinedSource>(std::move(parts), std::move(axes), cycle_s),
+  // Frames of DDS do not say how long their cycle is.
+  const std::array cycles_s{machine.cycle_s, dds_first ? bus.machine.cycle_s : machine.cycle_s};
+  return {std::make_unique<JoinedSource>(std::move(parts), std::move(axes), cycles_s),
           std::move(machine), std::nullopt};
 }
 
@@ -286,7 +312,8 @@ std::vector<std::string> input_obstacles(const Config& config) {
   };
   if (config.second) {
     attempt([&] {
-      (void)joined_axes(config, mapping(config));
+      const CanMap map = mapping(config);
+      (void)joined_machine(config, map, joined_axes(config, map));
       (void)paths_of(config, described_by(config));
       if (config.ilc.live) check_contract(described_by(config).cycle_s, nullptr);
     });

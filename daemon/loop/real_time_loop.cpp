@@ -18,8 +18,8 @@ static_assert(std::is_trivially_copyable_v<TwinInForce> &&
 
 // Timeout of receive(), after which the loop checks whether it has to stop.
 constexpr double kFrameTimeout_s = 0.1;
-// A frame that seems older than this was on its way while the wall clock was set: its age is
-// unknown.
+// A frame that seems older than this, or younger than none, was on its way while a clock was set:
+// its age is unknown.
 constexpr std::int64_t kMaxAge_ns = 60'000'000'000;
 // Time stamps from a PC clock jitter by parts of a cycle; lost cycles show in the sequence numbers.
 constexpr std::int64_t kTimeToleranceCycles = 2;
@@ -162,7 +162,7 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
     std::int64_t age = source.age_ns();
-    if (age > kMaxAge_ns) age = 0;
+    if (age > kMaxAge_ns || age < -kMaxAge_ns) age = 0;
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
     if (const MachineOffset* offset = on_frame(frame_, {begin, age})) {

@@ -295,8 +295,14 @@ INSTANTIATE_TEST_SUITE_P(
                  "m.toml:3:11: axis.encoder = 'replay': must be 'dds', 'can' or 'udp'"},
         WrongKey{"[[axis]]\nname = 'X'\nsource = 'can'\nencoder = 'dds'\n[source.can]\nmap = 'a'\n"
                  "[ilc]\nlive = true\n",
-                 "m.toml:8:8: ilc.live = true: of two sources offsets are only sent over DDS, to "
-                 "where the commands of the first axis must come from"},
+                 "m.toml:8:8: ilc.live = true: of two sources offsets are only sent over DDS: the "
+                 "commands "
+                 "of all axes must come from there"},
+        WrongKey{"[[axis]]\nname = 'X'\nsource = 'dds'\n[[axis]]\nname = 'Y'\nsource = 'can'\n"
+                 "correction = { peak = 1e-4, rate = 1, bandwidth = 50 }\n[source.can]\nmap = 'a'\n"
+                 "[ilc]\nlive = true\n",
+                 "m.toml:11:8: ilc.live = true: of two sources offsets are only sent over DDS: the "
+                 "commands of all axes must come from there"},
         WrongKey{"[source.dds]\ndomain = 231\n",
                  "m.toml:2:10: source.dds.domain = 231: must be a whole number from 0 to 230"},
         WrongKey{"[source.dds]\nstrength = -1\n",
@@ -502,6 +508,16 @@ TEST(Config, CanAndUdpAreSourcesWithAMapping) {
   EXPECT_EQ(udp.config.source, SourceKind::kUdp);
   EXPECT_EQ(udp.config.udp.map, "/m.toml");
   EXPECT_EQ(udp.config.udp.peer, "plc:5");
+}
+
+TEST(Config, AnEncoderFromElsewhereMakesTwoSources) {
+  const CheckedConfig two = check_config(
+      "[[axis]]\nname = \"X\"\nencoder = \"can\"\n[source.can]\nmap = \"m.toml\"\n", "a.toml");
+  EXPECT_TRUE(two.problems.empty());
+  EXPECT_EQ(two.config.source, SourceKind::kDds);
+  EXPECT_EQ(two.config.second, SourceKind::kCan);
+  EXPECT_EQ(two.config.axes[0].command, SourceKind::kDds);
+  EXPECT_EQ(two.config.axes[0].encoder, SourceKind::kCan);
 }
 
 TEST(Config, MistakesOfTheBusesAreNamed) {

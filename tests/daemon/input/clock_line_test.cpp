@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <random>
 
 namespace servotwin::daemon {
@@ -71,18 +72,19 @@ TEST(ClockLine, FollowsAQuartzThatWarmsUp) {
 }
 
 TEST(ClockLine, AClockThatIsSetBeginsANewLine) {
-  for (const std::int64_t by : {50 * kMs_ns, -50 * kMs_ns, 3600 * kSecond_ns, -3600 * kSecond_ns}) {
+  for (const std::int64_t by : {50 * kMs_ns, -50 * kMs_ns, 3600 * kSecond_ns, -3600 * kSecond_ns,
+                                2 * kMs_ns, -2 * kMs_ns, 4 * kMs_ns, -4 * kMs_ns}) {
     FarClock clock{0, 20e-6};
     ClockLine line;
     clock.send(line, 0, 10 * kSecond_ns);
     ASSERT_TRUE(line.settled());
     clock.start_ns += by;
-    clock.send(line, 10 * kSecond_ns, 12 * kSecond_ns);
+    clock.send(line, 10 * kSecond_ns, 13 * kSecond_ns);
     EXPECT_FALSE(line.settled()) << by;
     EXPECT_EQ(line.restarts(), 1U) << by;
-    clock.send(line, 12 * kSecond_ns, 20 * kSecond_ns);
+    clock.send(line, 13 * kSecond_ns, 21 * kSecond_ns);
     EXPECT_TRUE(line.settled()) << by;
-    EXPECT_LT(std::abs(error_us(line, clock, 20 * kSecond_ns)), 4.0) << by;
+    EXPECT_LT(std::abs(error_us(line, clock, 21 * kSecond_ns)), 4.0) << by;
   }
 }
 
@@ -105,6 +107,8 @@ TEST(ClockLine, StampsMayHaveAnyValue) {
   line.add(0, std::numeric_limits<std::int64_t>::min());
   for (int i = 0; i < 10; ++i) line.add(i * 7'000'000'000'000'000'00LL, i);
   EXPECT_TRUE(std::isfinite(line.drift()));
+  (void)line.steady_ns(std::numeric_limits<std::int64_t>::max());
+  (void)line.steady_ns(std::numeric_limits<std::int64_t>::min());
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
+#include <optional>
 #include <random>
 #include <stdexcept>
 
@@ -22,7 +24,7 @@ class Streams {
  public:
   static constexpr double kCycle_s = 1e-3;
   explicit Streams(double drift, std::vector<JoinedAxis> axes = {{{0, 0}, {1, 0}}})
-      : drift_(drift), join_(std::move(axes), kCycle_s, {false, false}) {}
+      : drift_(drift), join_(std::move(axes), {kCycle_s, kCycle_s}, {false, false}) {}
 
   /// The next cycle of both; `lost`: the second stream's is.
   void pass(bool lost = false) {
@@ -116,13 +118,13 @@ TEST(FrameJoin, WhatTheSecondStreamLacksIsAbsentAndCounted) {
   EXPECT_GE(seen.absent, 18);
   EXPECT_LE(seen.absent, 22);
   EXPECT_EQ(streams.join().clocks().absent, static_cast<std::uint64_t>(seen.absent));
-  EXPECT_LT(seen.error_m, 2e-6) << "nothing is interpolated over a gap";
+  EXPECT_LT(seen.error_m, 2e-6);
   EXPECT_LE(seen.latest_ns, 4 * kTick_ns + 200'000);
 }
 
 // With clocks that need not be found only the interpolation is left.
 TEST(FrameJoin, BetweenSamplesThereIsNoStraightLine) {
-  FrameJoin join({{{0, 0}, {1, 0}}}, 1e-3, {true, true});
+  FrameJoin join({{{0, 0}, {1, 0}}}, {1e-3, 1e-3}, {true, true});
   constexpr std::int64_t kWallAhead_ns = 1'700'000'000'000'000'000;
   join.set_wall_ahead(kWallAhead_ns);
   MachineFrame frame, out;
@@ -145,6 +147,85 @@ TEST(FrameJoin, BetweenSamplesThereIsNoStraightLine) {
   }
   // By theory jerk / 6 * 0.5 * 0.5 * 1.5 ms^3 = 1.35 nm for the parabola, 450 nm for a line.
   EXPECT_LT(worst, 2e-9);
+}
+
+/// Both streams by the wall clock, which is that of the steady clock: only the join is left.
+class Exact {
+ public:
+  explicit Exact(double second_s = 1e-3)
+      : join({{{0, 0}, {1, 0}}}, {1e-3, second_s}, {true, true}) {}
+  void first(std::int64_t at, std::int64_t stamp) {
+    MachineFrame frame;
+    frame.axis_count = 1;
+    frame.time_ns = stamp;
+    join.add_first(frame, at);
+  }
+  void second(std::int64_t stamp, double actual) {
+    FrameJoin::Sample sample;
+    sample.stamp_ns = stamp;
+    sample.axes[0].actual = actual;
+    join.add_second(sample);
+  }
+  /// The encoder of the oldest cycle; nothing if it is not ready.
+  std::optional<double> taken(std::int64_t now) {
+    MachineFrame frame;
+    if (!join.take(frame, now)) return std::nullopt;
+    return frame.axes[0].actual;
+  }
+  FrameJoin join;
+};
+
+TEST(FrameJoin, NothingIsInterpolatedOverAGap) {
+  Exact exact;
+  for (std::int64_t k = 0; k < 1000; ++k) exact.second(k * kTick_ns, 0.0);
+  // 50 ms are lost, in which the axis moves by 0.1 m.
+  for (const std::int64_t k : {1047, 1048, 1049}) exact.first(k * kTick_ns, k * kTick_ns);
+  exact.second(1050 * kTick_ns, 0.1);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(std::isnan(exact.taken(1050 * kTick_ns).value()));
+  exact.first(1050 * kTick_ns, 1050 * kTick_ns + kTick_ns / 2);
+  exact.second(1051 * kTick_ns, 0.1);
+  EXPECT_NEAR(exact.taken(1051 * kTick_ns).value(), 0.1, 1e-12) << "not by the samples before it";
+  EXPECT_EQ(exact.join.clocks().absent, 3U);
+}
+
+TEST(FrameJoin, ASlowerSecondStreamIsWaitedFor) {
+  Exact exact(0.01);
+  std::uint64_t with_encoder = 0;
+  for (std::int64_t k = 0; k < 1000; ++k) {
+    const std::int64_t now = k * kTick_ns;
+    exact.first(now, now);
+    if (k % 10 == 5) exact.second(now, 1e-3 * static_cast<double>(k));
+    while (const auto actual = exact.taken(now)) {
+      if (!std::isfinite(*actual)) continue;
+      EXPECT_NEAR(*actual, 1e-9 * static_cast<double>(exact.join.moment_ns()), 1e-9);
+      ++with_encoder;
+    }
+  }
+  EXPECT_GE(with_encoder, 980U);
+}
+
+TEST(FrameJoin, StampsMayHaveAnyValue) {
+  constexpr std::int64_t kLeast = std::numeric_limits<std::int64_t>::min(),
+                         kMost = std::numeric_limits<std::int64_t>::max();
+  for (const bool by_wall_clock : {true, false}) {
+    FrameJoin join({{{0, 0}, {1, 0}}}, {1e-3, 1e-3}, {by_wall_clock, by_wall_clock});
+    MachineFrame frame, out;
+    frame.axis_count = 1;
+    std::int64_t now = 0;
+    for (const std::int64_t stamp : {std::int64_t{0}, kMost, kLeast, std::int64_t{5}, kMost}) {
+      FrameJoin::Sample sample;
+      sample.stamp_ns = static_cast<std::int64_t>(0 - static_cast<std::uint64_t>(stamp));
+      sample.arrival_ns = now;
+      sample.axes[0].actual = 1.0;
+      join.add_second(sample);
+      frame.time_ns = stamp;
+      join.add_first(frame, now);
+      now += 10 * kTick_ns;
+      while (join.take(out, now)) {
+      }
+    }
+    EXPECT_FALSE(join.waiting());
+  }
 }
 
 TEST(FrameJoin, OneLostSampleIsInterpolatedOver) {
@@ -170,7 +251,7 @@ TEST(FrameJoin, AnAxisMayComeWhollyFromTheSecondStream) {
 }
 
 TEST(FrameJoin, AFrameWithFewerAxesIsOfAnotherMachine) {
-  FrameJoin join({{{0, 1}, {0, 0}}}, 1e-3, {true, true});
+  FrameJoin join({{{0, 1}, {0, 0}}}, {1e-3, 1e-3}, {true, true});
   MachineFrame frame, out;
   frame.axis_count = 1;
   join.add_first(frame, 0);
@@ -179,10 +260,10 @@ TEST(FrameJoin, AFrameWithFewerAxesIsOfAnotherMachine) {
 }
 
 TEST(FrameJoin, AxesThatAreInNoStreamAreRefused) {
-  EXPECT_THROW(FrameJoin({}, 1e-3, {true, true}), std::invalid_argument);
-  EXPECT_THROW(FrameJoin({{{2, 0}, {0, 0}}}, 1e-3, {true, true}), std::invalid_argument);
-  EXPECT_THROW(FrameJoin({{{0, 0}, {1, 32}}}, 1e-3, {true, true}), std::invalid_argument);
-  EXPECT_THROW(FrameJoin({{{0, 0}, {1, 0}}}, 0.0, {true, true}), std::invalid_argument);
+  EXPECT_THROW(FrameJoin({}, {1e-3, 1e-3}, {true, true}), std::invalid_argument);
+  EXPECT_THROW(FrameJoin({{{2, 0}, {0, 0}}}, {1e-3, 1e-3}, {true, true}), std::invalid_argument);
+  EXPECT_THROW(FrameJoin({{{0, 0}, {1, 32}}}, {1e-3, 1e-3}, {true, true}), std::invalid_argument);
+  EXPECT_THROW(FrameJoin({{{0, 0}, {1, 0}}}, {0.0, 1e-3}, {true, true}), std::invalid_argument);
 }
 
 }  // namespace

@@ -56,7 +56,7 @@ JoinedSource joined(std::uint64_t count, bool stamped) {
   std::array<JoinedSource::Part, 2> parts{
       JoinedSource::Part{std::make_unique<Made>(count, stamped, 1.0), "dds"},
       {std::make_unique<Made>(100'000, true, 2.0), "can"}};
-  return {std::move(parts), {{{0, 0}, {1, 0}}}, 1e-3};
+  return {std::move(parts), {{{0, 0}, {1, 0}}}, {1e-3, 1e-3}};
 }
 
 TEST(JoinedSource, GivesTheCyclesOfTheFirstAndEndsWithIt) {
