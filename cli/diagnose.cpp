@@ -99,12 +99,13 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
         !also.empty())
       say(people, "              " + also);
     if (worth_a_repair(cause.gain)) {
-      std::string repair =
-          text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
-               1e6 * cause.gain.tracking_repaired, micro(rotary));
+      std::string repair = text("tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
+                                1e6 * cause.gain.tracking_repaired, micro(rotary));
       if (std::isfinite(cause.gain.contour_repaired))
-        repair += text(", contour error %.4g -> %.4g", 1e6 * cause.gain.contour_now,
-                       1e6 * cause.gain.contour_repaired);
+        repair = text("contour error %.4g -> %.4g um RMS, ", 1e6 * cause.gain.contour_now,
+                      1e6 * cause.gain.contour_repaired) +
+                 repair;
+      repair = "repaired: " + repair;
       say(people, "              " + repair);
     }
     for (const std::string& rival : cause.ambiguous_with)

@@ -84,6 +84,7 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
   const std::string share = micro_text(left, record.rotary, 3) +
                             " RMS left of a tracking error of " +
                             micro_text(error, record.rotary, 3) + " on held-out motion";
+  // Noise and rounding of the encoder, and the scatter of their estimate over a few seconds.
   constexpr double kMaxRmsOverFloor = 1.2;
   if (explained < kMinExplained && left <= kMaxRmsOverFloor * record.noise_floor.rms)
     return "as good as this encoder shows: " + share +

@@ -179,7 +179,8 @@ ModelRecord identified_baseline(const SegmentedAxis& axis, const DiagnoseOptions
   if (options.leaves_out("time_delay")) loop.delay_max_s = 0.0;
   loop.must_predict = false;  // the diagnosis is about what it does not predict
   Identified identified = identify(axis, loop);
-  if (identified.unusable) throw UnusableRecording(axis.axis + ": " + identified.refusals.front());
+  if (!identified.exchanged.empty())
+    throw UnusableRecording(axis.axis + ": " + identified.exchanged);
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
   identified.record.motion = motion_range(axis.segments);

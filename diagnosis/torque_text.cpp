@@ -118,24 +118,41 @@ std::string check_of(const TorqueCause& cause) {
   return advice_for(cause.id, rises);
 }
 
-/// "breakaway 0.381 Nm" of breakaway_nm.
+/// "breakaway 0.381 Nm" of breakaway_nm, "width forward 2.02 mm" of width_forward.
 std::string size_of(const TorqueDiagnosis& torque, std::string name, double value) {
-  struct Suffix {
-    std::string key, unit;
+  struct Unit {
+    std::string ending;  ///< of the name
+    bool part;           ///< of the name: it is kept
+    std::string unit;
     double scale;
   };
-  const std::array suffixes{Suffix{"_" + key_of_unit(torque.unit), torque.unit, 1.0},
-                            Suffix{"_m", torque.rotary ? "rad" : "mm", torque.rotary ? 1.0 : 1e3},
-                            Suffix{"_rad", "rad", 1.0}, Suffix{"_s", "s", 1.0},
-                            Suffix{"_hz", "Hz", 1.0}};
-  for (const Suffix& suffix : suffixes) {
-    if (!name.ends_with(suffix.key)) continue;
-    name.resize(name.size() - suffix.key.size());
-    std::replace(name.begin(), name.end(), '_', ' ');
-    return name + text(" %.4g ", suffix.scale * value) + suffix.unit;
+  const std::string length = torque.rotary ? "rad" : "mm",
+                    viscous = torque.unit + (torque.rotary ? " s/rad" : " s/m");
+  const double to_mm = torque.rotary ? 1.0 : 1e3;
+  const std::array units{Unit{"_" + key_of_unit(torque.unit), false, torque.unit, 1.0},
+                         Unit{"_m", false, "mm", 1e3},
+                         Unit{"_rad", false, "rad", 1.0},
+                         Unit{"_s", false, "s", 1.0},
+                         Unit{"_hz", false, "Hz", 1.0},
+                         Unit{"displacement", true, length, to_mm},
+                         Unit{"deviation", true, length, to_mm},
+                         Unit{"forward", true, length, to_mm},
+                         Unit{"backward", true, length, to_mm},
+                         Unit{"length", true, length, to_mm},
+                         Unit{"velocity", true, length + "/s", to_mm},
+                         Unit{"viscous", true, viscous, 1.0},
+                         Unit{"viscous_plus", true, viscous, 1.0},
+                         Unit{"viscous_minus", true, viscous, 1.0}};
+  const auto found = std::find_if(units.begin(), units.end(),
+                                  [&](const Unit& unit) { return name.ends_with(unit.ending); });
+  std::string unit;
+  if (found != units.end()) {
+    unit = " " + found->unit;
+    value *= found->scale;
+    if (!found->part) name.resize(name.size() - found->ending.size());
   }
   std::replace(name.begin(), name.end(), '_', ' ');
-  return name + text(" %.4g", value);
+  return name + text(" %.4g", value) + unit;
 }
 
 std::string sizes_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
@@ -355,8 +372,8 @@ std::vector<std::string> in_short(const TorqueDiagnosis& torque, const std::stri
   } else {
     const TorqueCause& first = torque.causes.front();
     std::string line = "The torque of axis " + torque.axis + " shows " + plain_name(first.id);
-    if (const std::string sizes = sizes_of(torque, first); !sizes.empty())
-      line += " (" + sizes + ")";
+    if (!first.parameters.empty())
+      line += " (" + size_of(torque, first.parameters[0].first, first.parameters[0].second) + ")";
     for (std::size_t i = 1; i < torque.causes.size(); ++i)
       line += (i == 1 ? "; further " : "; ") + plain_name(torque.causes[i].id);
     line += ".";

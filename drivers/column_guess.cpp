@@ -34,6 +34,8 @@ constexpr std::array<std::string_view, 23> kRole{
     "commanded", "command", "cmd",     "sollwert", "soll",      "setpoint", "set_point", "set",
     "desired",   "demand",  "des",     "target",   "reference", "ref",      "actual",    "act",
     "istwert",   "ist",     "encoder", "enc",      "feedback",  "measured", "meas"};
+/// What a torque is said to be of, beside the axis.
+constexpr std::array<std::string_view, 5> kOfMotor{"motor", "drive", "antrieb", "dreh", "value"};
 constexpr std::array<std::string_view, 5> kPosition{"position", "pos", "lage", "value", "wert"};
 
 bool has(std::string_view name, std::string_view part) {
@@ -88,15 +90,18 @@ std::vector<Column> columns_with(std::span<const std::string> names, Parts parts
         unit && (unit->quantity == Quantity::kLength || unit->quantity == Quantity::kAngle);
     if (unit && (torque ? unit->quantity != Quantity::kTorque : !of_position)) continue;
     if (!has_any(lower, parts) || has_any(lower, kNoPosition)) continue;
-    if (torque ? has(lower, "pos") : has_any(lower, kTorque) && !has(lower, "pos")) continue;
+    if (torque ? has(lower, "pos") : !unit && has_any(lower, kTorque) && !has(lower, "pos"))
+      continue;
     if (!split.unit && unit) {
       const std::size_t unit_begin = lower.rfind('_');
       lower.resize(unit_begin);
       column.axis.resize(unit_begin);
     }
+    // "torAct" has its role in the middle of its name.
+    if (torque) cut_first(kTorque, lower, column.axis);
     cut_first(kRole, lower, column.axis);
     column.common = without_blanks(lower);
-    cut_first(kPosition, lower, column.axis);
+    cut_first(torque ? Parts(kOfMotor) : Parts(kPosition), lower, column.axis);
     column.axis = without_blanks(column.axis);
     out.push_back(std::move(column));
   }
@@ -136,6 +141,23 @@ std::string mapping_of(const std::vector<Axis>& axes) {
   return out;
 }
 
+/// The torque of an axis: the one whose name has nothing but the axis' beside its own words. Of one
+/// that is asked for and one that is measured, the measured one.
+std::optional<Column> torque_of(const std::vector<Column>& torques, const std::string& axis) {
+  const auto of_axis = [&](const Column& c) { return c.axis == axis; };
+  const auto asked = [](const Column& c) {
+    constexpr std::array<std::string_view, 6> kAsked{"cmd", "command", "soll", "set", "des", "ref"};
+    return has_any(lower_case(c.name), kAsked);
+  };
+  std::optional<Column> found;
+  for (const Column& column : torques) {
+    if (!of_axis(column) || asked(column)) continue;
+    if (found) return std::nullopt;
+    found = column;
+  }
+  return found;
+}
+
 /// Several commands: each with the encoder that has the same name but for its role. Empty if one
 /// has none, or two axes would have one name.
 std::vector<Axis> axes_of(const std::vector<Column>& commands, const std::vector<Column>& actuals,
@@ -147,10 +169,16 @@ std::vector<Axis> axes_of(const std::vector<Column>& commands, const std::vector
     const auto called = [&](const Axis& axis) { return axis.name == name; };
     const auto actual = only_one(actuals, command, alike);
     if (!actual || name.empty() || std::any_of(axes.begin(), axes.end(), called)) return {};
-    const auto of_axis = [&](const Column& c) { return c.axis.starts_with(name); };
-    const auto torque = std::find_if(torques.begin(), torques.end(), of_axis);
-    axes.push_back(
-        {name, command, actual, torque == torques.end() ? std::nullopt : std::optional(*torque)});
+    axes.push_back({name, command, actual, torque_of(torques, name)});
+  }
+  // "X" and "Xfiltered" are one axis, "X1" and "X10" are two.
+  for (const Axis& one : axes) {
+    for (const Axis& other : axes) {
+      const std::string& longer = other.name;
+      if (longer.size() > one.name.size() && longer.starts_with(one.name) &&
+          std::isdigit(static_cast<unsigned char>(longer[one.name.size()])) == 0)
+        return {};
+    }
   }
   return axes;
 }
@@ -177,13 +205,17 @@ ColumnGuess guess_columns(std::span<const std::string> names) {
     const auto alike = [&](const Column& c) { return c.common == command.common; };
     Axis axis{"X", command, only_one(actuals, command, alike), std::nullopt};
     if (!axis.actual) axis.actual = only_one(actuals, command, any);
-    out.clear = commands.size() == 1 && axis.actual;
+    const auto same_axis = [&](const Column& c) {
+      return c.axis.empty() || command.axis.empty() || c.axis == command.axis;
+    };
+    out.clear = commands.size() == 1 && axis.actual && same_axis(*axis.actual);
     if (!axis.actual && !actuals.empty()) axis.actual = actuals.front();
     // What is the position and not the command is the encoder.
     constexpr std::array<std::string_view, 1> kAnyPosition{"pos"};
     if (!axis.actual)
       axis.actual = only_one(columns_with(names, kAnyPosition, false), command, any);
-    if (!torques.empty()) axis.torque = torques.front();
+    axis.torque = torque_of(torques, command.axis);
+    if (!axis.torque && !command.axis.empty()) axis.torque = torque_of(torques, "");
     axes.push_back(std::move(axis));
   }
   out.columns = mapping_of(axes);

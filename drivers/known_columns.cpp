@@ -154,8 +154,9 @@ std::optional<KnownColumns> columns_of_joints(std::span<const std::string> names
                channel_of(axis, "torque", torque, current.empty() ? "Nm" : "A");
   }
   if (time.empty() || !any) return std::nullopt;
-  return KnownColumns{columns,
-                      "columns named as joints of robots are (q angle, i current, tau torque)"};
+  return KnownColumns{
+      columns,
+      "columns named as joints of a robot: q angle [rad], i current [A], tau torque [Nm], assumed"};
 }
 
 }  // namespace

@@ -16,6 +16,7 @@
 #include "identification/recording/evidence.h"
 #include "identification/recording/excitation.h"
 #include "identification/recording/noise_floor.h"
+#include "identification/recording/positions.h"
 #include "twin/linear_algebra.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
@@ -25,8 +26,6 @@ namespace servotwin {
 
 namespace {
 
-// Ratio of encoder to command motion, up or down, beyond which the two are in different units.
-constexpr double kMaxMotionRatio = 2.0;
 // A parameter whose standard deviation exceeds this share of its value is not excited.
 constexpr double kMaxRelativeDeviation = 0.5;
 
@@ -129,7 +128,8 @@ bool encoder_leads(const std::vector<Segment>& segments) {
 /// Reasons why the two signals cannot be the command and the encoder of one axis (exchanged
 /// columns, other unit or sign), independent of how well the model fits.
 std::vector<std::string> exchanged_or_scaled(const Model& model,
-                                             const std::vector<Segment>& segments) {
+                                             const std::vector<Segment>& segments,
+                                             std::string& exchanged) {
   std::vector<std::string> out;
   // First, because a model of channels in unlike units means nothing.
   if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
@@ -137,30 +137,34 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
   double lag = model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
   for (const Mode& mode : model.loop.modes) lag += mode.beta / (mode.omega * mode.omega);
   if (lag < -model.sample_time_s) {
-    out.push_back(
-        encoder_leads(segments)
-            ? message("the encoder leads its command by ", -1e3 * lag,
-                      " ms: the two columns may be exchanged")
-            : "the model that fits best moves before its command, but the encoder does not: "
-              "command and encoder are not those of one linear servo loop; check that both "
-              "columns are positions of this axis, in the same unit and stamped by one clock, and "
-              "that the sensor is fine enough");
+    if (encoder_leads(segments)) {
+      exchanged = message("the encoder leads its command by ", -1e3 * lag,
+                          " ms: the two columns may be exchanged");
+      out.push_back(exchanged);
+    } else {
+      out.emplace_back(
+          "the model that fits best moves before its command, but the encoder does not: command "
+          "and encoder are not those of one linear servo loop; check that both columns are "
+          "positions of this axis, in the same unit and stamped by one clock, and that the sensor "
+          "is fine enough");
+    }
   }
   return out;
 }
 
 /// Why a loop with these poles may be faster than its recording shows; empty: it is not.
 std::string why_too_few_samples(const PoleSet& poles, double sample_time_s) {
-  // Up to half of the rate a vibration is seen at all; a fit to too few samples ends there,
-  // wherever the poles are.
+  // Of the sampling rate. A fit to every 20th and 40th row of a loop of 30 Hz ends at 0.49 and 0.50
+  // of it (docs/measurements.md, 21); at 0.3 and below it finds the loop.
   constexpr double kMaxFrequency = 0.4;
-  constexpr double kEnough = 20.0;  // samples in a period
+  constexpr double kEnough_hz = 1000.0, kEnoughPerPeriod = 20.0;
   const double frequency_hz = poles.omega / kTwoPi;
   if (!(frequency_hz * sample_time_s > kMaxFrequency)) return {};
   return message("the pole pair is found at ", frequency_hz, " Hz, and ") +
          message("", 1.0 / sample_time_s,
                  " samples per second do not show whether it is faster: record at least ") +
-         message("", std::ceil(kEnough * frequency_hz), " samples per second, better 1000");
+         message("", std::ceil(std::min(kEnoughPerPeriod * frequency_hz, kEnough_hz)),
+                 " samples per second");
 }
 
 }  // namespace
@@ -235,7 +239,7 @@ std::string why_scaled(const std::vector<Segment>& segments) {
     square += command.square().sum();
   }
   const double slope = product / square;
-  if (!(square > 0.0) || (slope * kMaxMotionRatio > 1.0 && slope < kMaxMotionRatio)) return {};
+  if (!(square > 0.0) || (slope * kMaxEncoderRatio > 1.0 && slope < kMaxEncoderRatio)) return {};
   return message("the encoder moves ", slope,
                  " times as far as its command: check the units and signs of both columns, and "
                  "that they are of one axis");
@@ -387,10 +391,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
   record.training = judge(record.model, training);
   record.holdout = judge(record.model, judged_on);
-  if (std::string why = why_too_few_samples(poles, axis.sample_time_s); !why.empty()) {
-    out.unusable = true;
+  // A pair at the bound that was asked for was not found there.
+  constexpr double kAtBound = 0.99;
+  if (std::string why = why_too_few_samples(poles, axis.sample_time_s);
+      !why.empty() && poles.omega < kAtBound * kTwoPi * options.bounds.omega_max_hz)
     out.refusals.push_back(std::move(why));
-  }
   if (fit->fit.on_bound) {
     record.excitation.push_back(
         message("poles lie on the search bounds: this motion does not determine them; ",
@@ -398,10 +403,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
   for (std::string& line : loosely_known(record, poles))
     record.excitation.push_back(std::move(line));
-  for (std::string& line : exchanged_or_scaled(record.model, training)) {
-    out.unusable = out.unusable || line.find("exchanged") != line.npos;
+  for (std::string& line : exchanged_or_scaled(record.model, training, out.exchanged))
     out.refusals.push_back(std::move(line));
-  }
   if (!std::isfinite(record.holdout.rms)) {
     out.refusals.push_back(
         "the held-out segments are too short to validate a model; record longer segments");

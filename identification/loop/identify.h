@@ -69,9 +69,9 @@ struct Identified {
   /// the motion does not excite is in record.excitation: a user may accept that, the daemon does
   /// not.
   std::vector<std::string> refusals;
-  /// Whether the first of them is that of the recording, not of the loop: columns that are
-  /// exchanged, too few samples in a second.
-  bool unusable = false;
+  /// That of them which says that command and encoder seem to be exchanged; empty: they do not.
+  /// Nothing else that was recorded can be trusted then either.
+  std::string exchanged;
 };
 
 /// Throws std::runtime_error, with the remedy, if the data cannot be identified (no motion, too

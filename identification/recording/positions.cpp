@@ -223,8 +223,7 @@ std::vector<std::string> mend_encoder(AxisRecord& axis, double step_s,
   const std::optional<Ratio> found = ratio_of(axis, at_rest);
   if (!found || !(found->left < limits.unexplained)) return out;
   const double ratio = std::abs(found->ratio);
-  constexpr double kMaxRatio = 2.5;  // a diameter for a radius is 2; beyond, it is another axis
-  if (!(ratio * kMaxRatio > 1.0 && ratio < kMaxRatio)) return out;
+  if (!(ratio * kMaxEncoderRatio > 1.0 && ratio < kMaxEncoderRatio)) return out;
   if (found->ratio < 0.0) {
     rescale(axis, -1.0, 0.0);
     out.push_back("the encoder counts against its command: its sign is reversed");

@@ -28,6 +28,10 @@
 
 namespace servotwin {
 
+/// Of the travel of an encoder over that of its command, or the reverse: a diameter for a radius is
+/// 2. Beyond, they are in different units or not of one axis.
+inline constexpr double kMaxEncoderRatio = 2.5;
+
 struct PositionLimits {
   double ratio = 0.003;      ///< least deviation of the ratio from 1; a pitch error is below 0.001
   double offset_m = 1e-3;    ///< least error at rest that is named; thermal growth is below 0.2 mm

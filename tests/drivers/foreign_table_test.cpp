@@ -213,6 +213,37 @@ TEST_F(ForeignTable, TheCommandAndEncoderOfAnAxisAreCalledAlike) {
   EXPECT_DOUBLE_EQ(numbered.axes[0].actual[0], 0.5 * std::numbers::pi);
 }
 
+TEST_F(ForeignTable, TheTorqueIsThatOfTheAxis) {
+  const auto torques = [&](const std::string& header, const std::string& row) {
+    std::vector<double> out;
+    for (const AxisRecord& axis : read(header + "\n" + row + "\n").axes)
+      out.push_back(axis.torque.empty() ? -1.0 : axis.torque[0]);
+    return out;
+  };
+  EXPECT_EQ(torques("t,X_cmd[mm],X_act[mm],X2_cmd[mm],X2_act[mm],X2_torque[Nm],X_torque[Nm]",
+                    "0,1,1,2,2,22,11"),
+            (vector<double>{11.0, 22.0}));
+  EXPECT_EQ(
+      torques("t,X1_cmd[mm],X1_act[mm],X10_cmd[mm],X10_act[mm],X10_torque[Nm]", "0,1,1,2,2,10"),
+      (vector<double>{-1.0, 10.0}));
+  EXPECT_EQ(torques("t,SetPos1[mm],ActPos1[mm],SetPos2[mm],ActPos2[mm],Torque1[%],Torque2[%]",
+                    "0,1,1,2,2,5,6"),
+            (vector<double>{5.0, 6.0}));
+  // What was asked for is not what was measured; a load of the computer is no torque of the axis.
+  EXPECT_EQ(torques("t,Y_cmd[mm],Y_act[mm],Y_torque_cmd[Nm],Y_torque_act[Nm]", "0,1,1,3,4"),
+            (vector<double>{4.0}));
+  EXPECT_EQ(torques("t,X_cmd[mm],X_act[mm],cpu_load[%],X_current[A]", "0,1,1,90,2"),
+            (vector<double>{2.0}));
+  EXPECT_EQ(torques("t,X_cmd[mm],X_act[mm],Y_torque[Nm]", "0,1,1,2"), (vector<double>{-1.0}));
+}
+
+TEST_F(ForeignTable, WhatMayBeReadInTwoWaysIsAsked) {
+  refuses("t,cmd[mm],motor_encoder[mm],load_encoder[mm]\n0,0,0,0\n", {"X.command=cmd[mm]"});
+  refuses("t,X_cmd[mm],X_pos[mm],Y_actual[mm]\n0,0,0,0\n", {"X.command=X_cmd[mm]"});
+  refuses("t,X_setpoint[mm],X_setpoint_filtered[mm],X_act[mm],X_act_filtered[mm]\n0,0,0,0,0\n",
+          {"X.command=X_setpoint[mm]"});
+}
+
 TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
   // An encoder only because it is the other position.
   refuses("t_s,pos_cmd_m,pos_m\n0,0,0\n", {"X.command=pos_cmd_m[m],X.actual=pos_m[m]\" (a guess)"});
