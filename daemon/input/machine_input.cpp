@@ -1,6 +1,7 @@
 #include "daemon/input/machine_input.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <sstream>
 #include <stdexcept>
@@ -159,6 +160,13 @@ void check_axes(const Config& config, const MachineDescription& machine) {
   (void)paths_of(config, machine);
 }
 
+/// Whether a position wraps around before its bits are used up.
+bool goes_round(const MappedSignal& signal) {
+  constexpr double kRounding = 0.999;
+  return signal.turn > 0.0 &&
+         signal.turn < kRounding * std::ldexp(std::abs(signal.signal.scale), signal.signal.length);
+}
+
 /// Where the channels of the axes are in the two sources: in the frames of DDS in the order of the
 /// configuration, in a mapping by name. Throws std::runtime_error with what the mapping lacks.
 std::vector<JoinedAxis> joined_axes(const Config& config, const CanMap& map) {
@@ -184,8 +192,8 @@ std::vector<JoinedAxis> joined_axes(const Config& config, const CanMap& map) {
       if (!there(channel) && !(channel == CanChannel::kCommand && there(CanChannel::kActual) &&
                                there(CanChannel::kFollowingError)))
         refuse("the CAN mapping has no '" + std::string(name_of(channel)) + "' of it");
-      if (axis.command != axis.encoder && map.find(at, channel) != nullptr &&
-          map.find(at, channel)->turn > 0.0)
+      const MappedSignal* signal = map.find(at, channel);
+      if (axis.command != axis.encoder && signal != nullptr && goes_round(*signal))
         refuse("rollover of '" + std::string(name_of(channel)) +
                "' in the CAN mapping: which turn it is only a command on the same bus can tell");
       return JoinedAxis::Place{kind == config.source ? 0U : 1U, at};
