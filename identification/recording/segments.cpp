@@ -523,11 +523,6 @@ void require_motion(const SegmentedAxis& axis) {
     throw UnusableRecording(axis.source + ": " + axis.axis + ".command " + why);
   if (const std::string why = why_not_following(axis.segments, axis.rotary); !why.empty())
     throw UnusableRecording(axis.source + ": " + axis.axis + ".actual " + why);
-  if (std::all_of(axis.segments.begin(), axis.segments.end(),
-                  [](const Segment& s) { return (s.actual == s.command).all(); }))
-    throw UnusableRecording(axis.source + ": " + axis.axis +
-                            ".actual is equal to the command in every sample: record the encoder, "
-                            "not a copy of the command");
   if (const std::string why = why_at_another_time(axis.segments); !why.empty())
     throw UnusableRecording(axis.source + ": " + axis.axis + ".actual " + why);
 }

@@ -102,8 +102,8 @@ double append(SegmentedAxis& axis, SegmentedAxis next);
                                        double to_s);
 
 /// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
-/// an axis at rest. Throws UnusableRecording if the command is faster or longer than any machine
-/// (its unit is wrong), or the encoder is a copy of it.
+/// an axis at rest. Throws UnusableRecording if the command is faster or longer than any machine:
+/// its unit is wrong.
 void require_motion(const SegmentedAxis& axis);
 
 /// What no diagnosis can use, whatever else was recorded: wrong units, too few samples in a second,

@@ -223,6 +223,10 @@ TEST(Identify, RefusesWhatCannotBeIdentified) {
   SegmentedAxis still = shortened(2000);
   still.segments[0].actual.setConstant(0.1);
   expect_error<std::runtime_error>([&] { (void)identify(still); }, {"X.actual"});
+  SegmentedAxis copied = shortened(2000);
+  for (Segment& s : copied.segments) s.actual = s.command;
+  expect_error<std::runtime_error>([&] { (void)identify(copied); },
+                                   {"X.actual is equal to the command in every sample"});
   IdentifyOptions options;
   options.training_share = 1.5;
   expect_error<std::invalid_argument>([&] { (void)identify(shortened(2000), options); },

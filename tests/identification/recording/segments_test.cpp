@@ -474,15 +474,6 @@ TEST(RequireMotion, NamesTheSignalThatStands) {
   refuses(r, {"X.actual has no values"});
 }
 
-TEST(RequireMotion, ACopyOfTheCommandIsNoEncoder) {
-  Recording r = sampled(grid(100, 0.001));
-  r.axes[0].actual = r.axes[0].command;
-  expect_error<UnusableRecording>([&] { require_motion(segment_axis(r, "X")); },
-                                  {"X.actual is equal to the command in every sample"});
-  r.axes[0].actual[50] += 1e-9;
-  EXPECT_NO_THROW(require_motion(segment_axis(r, "X")));
-}
-
 // The bounds of friction and play are lengths of machines, and angles where a motor turns faster.
 TEST(LengthScale, IsThatOfTheWholeRecordingOnARotaryAxisOnly) {
   const auto sine = [](double amplitude, bool rotary) {
