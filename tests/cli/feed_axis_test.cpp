@@ -161,12 +161,12 @@ TEST(WhatIf, ALoopThatIsNotStableIsSaidAndNotSimulated) {
   EXPECT_THAT(answer.out, AllOf(HasSubstr("NO"), HasSubstr("unstable"), Not(HasSubstr("nan"))));
 }
 
-/// Exit status and the one line.
+/// Exit status and one of the lines: a file may have several problems.
 void expect_refusal(const std::vector<std::string>& words, int status,
                     const testing::Matcher<std::string>& what) {
   const Answer answer = servotwin_says(words);
   EXPECT_EQ(answer.status, status) << answer;
-  EXPECT_THAT(answer.complaints(), ElementsAre(what));
+  EXPECT_THAT(answer.complaints(), testing::Contains(what));
 }
 
 TEST(WhatIf, RefusesWhatCannotBe) {
