@@ -216,6 +216,9 @@ ColumnGuess guess_columns(std::span<const std::string> names) {
       axis.actual = only_one(columns_with(names, kAnyPosition, false), command, any);
     axis.torque = torque_of(torques, command.axis);
     if (!axis.torque && !command.axis.empty()) axis.torque = torque_of(torques, "");
+    // Where the user is asked anyway, a torque that may be of the axis is offered.
+    const bool asked = !out.clear || !command.unit || !axis.actual->unit;
+    if (!axis.torque && asked && torques.size() == 1) axis.torque = torques.front();
     axes.push_back(std::move(axis));
   }
   out.columns = mapping_of(axes);

@@ -275,11 +275,6 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "two masses are identified by the joint method, without modes and without an earlier "
         "model");
   require_motion(axis);
-  if (std::all_of(axis.segments.begin(), axis.segments.end(),
-                  [](const Segment& s) { return (s.actual == s.command).all(); }))
-    throw std::runtime_error(axis.axis +
-                             ".actual is equal to the command in every sample: record the encoder, "
-                             "not a copy of the command");
   if (options.coupling && axis.segments.front().neighbour.size() == 0)
     throw std::runtime_error(
         axis.axis +
@@ -292,6 +287,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         " s) are too few to identify and validate a model; record at least 500 samples with "
         "motion"));
   }
+  if (std::all_of(axis.segments.begin(), axis.segments.end(),
+                  [](const Segment& s) { return (s.actual == s.command).all(); }))
+    throw std::runtime_error(axis.axis +
+                             ".actual is equal to the command in every sample: record the encoder, "
+                             "not a copy of the command");
 
   const std::vector<Segment> judged_on = with_lead_in(holdout, axis.segments);
 

@@ -292,7 +292,7 @@ INSTANTIATE_TEST_SUITE_P(
                  "m.toml:4:11: axis.encoder = 'dds': another axis has 'replay', and a recording "
                  "cannot be joined with a source"},
         WrongKey{"[[axis]]\nname = 'X'\nencoder = 'replay'\n",
-                 "m.toml:3:11: axis.encoder = 'replay': must be 'dds', 'can' or 'udp'"},
+                 "m.toml:3:11: axis.encoder = 'replay': must be one of 'dds', 'can', 'udp'"},
         WrongKey{"[[axis]]\nname = 'X'\nsource = 'can'\nencoder = 'dds'\n[source.can]\nmap = 'a'\n"
                  "[ilc]\nlive = true\n",
                  "m.toml:8:8: ilc.live = true: of two sources offsets are only sent over DDS: the "
