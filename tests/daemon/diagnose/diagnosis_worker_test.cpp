@@ -289,7 +289,7 @@ TEST_F(LongDiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
   // The ripple in the position has another cause, and both are reported.
   EXPECT_THAT(events("diagnosis"),
               ElementsAre(AllOf(HasSubstr("; cogging: period 3.399"),
-                                HasSubstr("by torque as well: "), HasSubstr("period_m 0.0"))));
+                                HasSubstr("by torque as well: "), HasSubstr("; period 20."))));
   const json told = json::parse(announced_[0].json);
   const auto by_torque =
       std::find_if(told["causes"].begin(), told["causes"].end(), [](const json& cause) {
