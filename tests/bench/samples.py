@@ -54,7 +54,7 @@ def said(output, file):
     """The error or the verdict, then the notes; of a table with foreign columns only what is proposed."""
     lines = [" ".join(line.split()).replace(f"{file}: ", "") for line in output.splitlines()]
     error = [re.sub("^servotwin [a-z]+: ", "refused: ", line) for line in lines if re.match("servotwin [a-z]+:", line)]
-    first = error or [line for line in lines if line.startswith("verdict")]
+    first = error or [line for line in lines if line.startswith(("verdict", "The torque of", "No known cause"))]
     notes = [line for line in lines if line.startswith(("note:", "warning:")) and "ignored columns" not in line]
     text = re.sub(r"no column is named .*(--columns .*?)\. The file has.*", r"asks for \1", " / ".join(first + notes))
     return text.replace("|", "\\|")
