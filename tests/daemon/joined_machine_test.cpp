@@ -76,8 +76,9 @@ TEST(JoinedMachine, CommandsByDdsAndTheEncoderByCanAreOneMachine) {
   EXPECT_GT(rows, 10'000U);
   ASSERT_GT(errors.size(), 4'000U);
   std::nth_element(errors.begin(), errors.begin() + std::ssize(errors) / 2, errors.end());
-  // 0.1 ms at 0.2 m/s; taken as they come they would be up to 200 um apart.
-  EXPECT_LT(errors[errors.size() / 2], 20e-6);
+  // 0.1 ms at 0.2 m/s, and what a busy host held the packets up; without the clocks they would be
+  // some 300 um apart in the end.
+  EXPECT_LT(errors[errors.size() / 2], 20e-6 + 0.2 * sender.encoder_late_s());
 }
 
 }  // namespace

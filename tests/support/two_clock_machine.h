@@ -65,6 +65,9 @@ class TwoClockMachine {
   }
   /// Cycles that began more than half a cycle late, because this host held the sender up.
   [[nodiscard]] std::uint64_t late() const { return late_; }
+  /// By how much packets of the encoder were sent later than the time of their value, on average
+  /// [s]: they are stamped when they are received.
+  [[nodiscard]] double encoder_late_s() const { return encoder_late_s_; }
 
  private:
   void sleep_until(std::int64_t steady) {
@@ -93,6 +96,8 @@ class TwoClockMachine {
       batch[0] = encoder_.start();
       batch[1] = encoder_.frame(0);
       sleep_until(due);
+      encoder_late_s_ +=
+          1e-9 * static_cast<double>(daemon::steady_ns() - due) / static_cast<double>(cycles);
       (void)bus_->send(batch);
     }
   }
@@ -105,6 +110,7 @@ class TwoClockMachine {
   double drift_;
   std::atomic<std::int64_t> begin_ns_{0};
   std::atomic<std::uint64_t> late_{0};
+  double encoder_late_s_ = 0.0;  // written by one thread, read after it has ended
 };
 
 }  // namespace servotwin::test
