@@ -12,7 +12,7 @@ namespace servotwin::cli {
 struct CanDriveOptions {
   std::vector<std::filesystem::path> models;
   std::vector<std::string> interfaces;
-  CanUdpPlace udp;  ///< with a peer: this bus in place of the interfaces
+  CanUdpPlace udp;  ///< used in place of the interfaces if it has a peer
   std::filesystem::path map;
   double seconds = 0.0;  ///< 0: until interrupted (SIGINT, SIGTERM)
 };

@@ -8,7 +8,7 @@
 namespace servotwin::cli {
 
 /// Command lines of this command, in the order of the work; from the folder that holds examples/.
-/// Any thread; empty for a word that is no command.
+/// Empty if there is no such command. Any thread.
 [[nodiscard]] std::vector<std::string> examples_of(std::string_view command);
 
 }  // namespace servotwin::cli
