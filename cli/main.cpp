@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "cli/command.h"
-#include "cli/examples.h"
-#include "cli/help.h"
-#include "cli/output.h"
+#include "cli/common/command.h"
+#include "cli/common/output.h"
+#include "cli/program/examples.h"
+#include "cli/program/help.h"
 #include "daemon/licences.h"
 #include "daemon/unknown_option.h"
 #include "identification/least_squares/parallel.h"

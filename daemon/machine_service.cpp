@@ -11,7 +11,7 @@
 #include "daemon/between/clock.h"
 #include "daemon/between/report_period.h"
 #include "daemon/loop/scheduling.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 namespace {

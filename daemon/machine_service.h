@@ -38,7 +38,7 @@
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
 #include "daemon/web/web_service.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin::daemon {
 

@@ -19,8 +19,8 @@
 #include "daemon/store/store.h"
 #include "daemon/web/http_server.h"
 #include "daemon/web/web_service.h"
-#include "drivers/dds.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin::daemon {
 namespace {

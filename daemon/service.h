@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "daemon/config/config.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

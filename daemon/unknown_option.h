@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 

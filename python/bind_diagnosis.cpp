@@ -5,14 +5,14 @@
 #include <optional>
 #include <set>
 
-#include "diagnosis/comparison.h"
-#include "diagnosis/diagnose.h"
-#include "diagnosis/diagnosis_file.h"
-#include "diagnosis/encoder_difference.h"
-#include "diagnosis/in_short.h"
-#include "diagnosis/report.h"
-#include "diagnosis/torque.h"
-#include "diagnosis/torque_text.h"
+#include "diagnosis/evidence/encoder_difference.h"
+#include "diagnosis/report/diagnosis_file.h"
+#include "diagnosis/report/in_short.h"
+#include "diagnosis/report/report.h"
+#include "diagnosis/report/torque_text.h"
+#include "diagnosis/search/comparison.h"
+#include "diagnosis/search/diagnose.h"
+#include "diagnosis/torque/torque.h"
 #include "python/bind.h"
 
 namespace servotwin::python {

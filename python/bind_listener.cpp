@@ -3,7 +3,7 @@
 #include <chrono>
 #include <mutex>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "python/bind.h"
 
 namespace servotwin::python {

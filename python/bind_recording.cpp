@@ -7,9 +7,9 @@
 #include <limits>
 #include <optional>
 
-#include "diagnosis/torque.h"
-#include "drivers/column_map.h"
-#include "drivers/recording_file.h"
+#include "diagnosis/torque/torque.h"
+#include "drivers/recordings/column_map.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/positions.h"
 #include "python/bind.h"
 

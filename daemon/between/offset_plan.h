@@ -15,7 +15,7 @@
 #include "daemon/between/latest_value.h"
 #include "daemon/between/offset_run.h"
 #include "daemon/between/ring.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "ilc/gate.h"
 #include "ilc/learn.h"
 

@@ -13,7 +13,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/config_problem.h"
+#include "drivers/common/config_problem.h"
 #include "identification/loop/identify.h"
 
 namespace servotwin::daemon {
@@ -51,7 +51,7 @@ struct ReplayConfig {
 };
 
 struct CanConfig {
-  std::filesystem::path map;            ///< which bits carry which signal (drivers/can_map.h)
+  std::filesystem::path map;            ///< which bits carry which signal (drivers/can/can_map.h)
   std::vector<std::string> interfaces;  ///< one per bus; empty: the names in the mapping
   bool filter = false;                  ///< only ids of the mapping are received
 };

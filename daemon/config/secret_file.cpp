@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <system_error>
 
-#include "drivers/file_handle.h"
+#include "drivers/common/file_handle.h"
 
 namespace servotwin::daemon {
 

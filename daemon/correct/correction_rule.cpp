@@ -3,7 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 #include "identification/model/json_number.h"
 #include "ilc/gate.h"
 #include "twin/shown_units.h"

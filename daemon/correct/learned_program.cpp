@@ -9,7 +9,7 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 #include "identification/model/motion_reach.h"
 #include "identification/model/stated_deviations.h"
 #include "ilc/gate.h"

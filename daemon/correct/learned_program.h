@@ -21,7 +21,7 @@
 #include "daemon/between/offset_plan.h"
 #include "daemon/config/config.h"
 #include "daemon/store/store.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "ilc/learn.h"
 
 namespace servotwin::daemon {

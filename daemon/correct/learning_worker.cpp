@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "daemon/between/clock.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 namespace {

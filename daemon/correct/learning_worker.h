@@ -40,7 +40,7 @@
 #include "daemon/loop/program_matcher.h"
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin::daemon {
 

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "daemon/loop/program_matcher.h"
-#include "drivers/checksum.h"
+#include "drivers/common/checksum.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -13,7 +13,7 @@
 
 #include "daemon/between/offset_plan.h"
 #include "daemon/correct/repeating_motion.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "twin/sample.h"
 
 namespace servotwin::daemon {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "daemon/between/clock.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "daemon/between/offset_plan.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

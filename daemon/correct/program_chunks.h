@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

@@ -7,8 +7,8 @@
 #include "daemon/correct/program_assembly.h"
 #include "daemon/correct/program_chunks.h"
 #include "daemon/input/recorded_cycles.h"
-#include "drivers/recording_file.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
+#include "drivers/recordings/recording_file.h"
 
 namespace servotwin::daemon {
 namespace fs = std::filesystem;

@@ -8,8 +8,8 @@
 #include <system_error>
 
 #include "daemon/correct/program_folder.h"
-#include "drivers/csv.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
+#include "drivers/recordings/table/csv.h"
 
 namespace servotwin::daemon {
 namespace fs = std::filesystem;

@@ -15,8 +15,8 @@
 
 #include "daemon/correct/program_list.h"
 #include "daemon/store/event_log.h"
-#include "drivers/file_handle.h"
-#include "drivers/messages.h"
+#include "drivers/common/file_handle.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

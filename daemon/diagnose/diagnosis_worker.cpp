@@ -8,11 +8,11 @@
 
 #include "daemon/between/clock.h"
 #include "daemon/store/report_file.h"
-#include "diagnosis/diagnosis_file.h"
-#include "diagnosis/in_short.h"
-#include "diagnosis/report.h"
-#include "diagnosis/text.h"
-#include "diagnosis/torque_text.h"
+#include "diagnosis/report/diagnosis_file.h"
+#include "diagnosis/report/in_short.h"
+#include "diagnosis/report/report.h"
+#include "diagnosis/report/torque_text.h"
+#include "diagnosis/statistics/text.h"
 #include "identification/recording/segments.h"
 
 namespace servotwin::daemon {

@@ -1,5 +1,5 @@
-// The diagnosis worker: finds what the simulation of an axis gets wrong (diagnosis/diagnose.h), on
-// a schedule and after a residual alarm.
+// The diagnosis worker: finds what the simulation of an axis gets wrong
+// (diagnosis/search/diagnose.h), on a schedule and after a residual alarm.
 //
 //   every_s of machine time, or an alarm --> wait until the axis has moved for record_s since the
 //   last diagnosis and at least half of that is in memory --> the most recent record_s of its
@@ -30,8 +30,8 @@
 #include "daemon/record/residual_watch.h"
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
-#include "diagnosis/diagnose.h"
-#include "diagnosis/torque.h"
+#include "diagnosis/search/diagnose.h"
+#include "diagnosis/torque/torque.h"
 
 namespace servotwin::daemon {
 

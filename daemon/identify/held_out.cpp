@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 #include "twin/catalogue.h"
 #include "twin/twin.h"
 

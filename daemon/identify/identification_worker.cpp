@@ -9,7 +9,7 @@
 
 #include "daemon/between/clock.h"
 #include "daemon/identify/held_out.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/shown_units.h"
 #include "twin/two_mass_axis.h"

@@ -8,9 +8,9 @@
 
 #include <cstdint>
 
-#include "drivers/can_bus.h"
-#include "drivers/can_encoder.h"
-#include "drivers/messages.h"
+#include "drivers/can/can_bus.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

@@ -8,7 +8,7 @@
 // begins first, and where both begin at once both step back.
 //
 // One thread, except alarm() and heard_other(): any thread. tell() and on_frame() allocate nothing
-// and throw nothing. Source: drivers/can_map.h.
+// and throw nothing. Source: drivers/can/can_map.h.
 #pragma once
 
 #include <array>
@@ -19,9 +19,9 @@
 #include <span>
 #include <vector>
 
-#include "drivers/can_bus.h"
-#include "drivers/can_encoder.h"
-#include "drivers/messages.h"
+#include "drivers/can/can_bus.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

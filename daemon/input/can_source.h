@@ -1,5 +1,5 @@
 // A frame source for a machine on CAN: waits on all buses at once, merges their frames by time
-// stamp and assembles them to cycles (drivers/can_assembly.h).
+// stamp and assembles them to cycles (drivers/can/can_assembly.h).
 //
 // After its construction receive() allocates nothing and takes no lock. news() and the counts may
 // be called by another thread.
@@ -15,8 +15,8 @@
 #include "daemon/input/can_offset.h"
 #include "daemon/input/can_prediction.h"
 #include "daemon/input/frame_source.h"
-#include "drivers/can_assembly.h"
-#include "drivers/can_bus.h"
+#include "drivers/can/can_assembly.h"
+#include "drivers/can/can_bus.h"
 
 namespace servotwin::daemon {
 

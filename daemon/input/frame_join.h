@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "daemon/input/clock_line.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "twin/sample.h"
 
 namespace servotwin::daemon {

@@ -10,7 +10,7 @@
 
 #include "daemon/between/clock.h"
 #include "daemon/between/report_period.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/dds.h"
-#include "drivers/replay.h"
+#include "drivers/dds/dds.h"
+#include "drivers/recordings/replay.h"
 #include "twin/sample.h"
 
 namespace servotwin::daemon {

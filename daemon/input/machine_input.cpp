@@ -11,12 +11,12 @@
 #include "daemon/input/joined_source.h"
 #include "daemon/input/offset_contract.h"
 #include "daemon/input/recorded_cycles.h"
-#include "drivers/can_log.h"
-#include "drivers/can_udp.h"
-#include "drivers/recording_file.h"
-#include "drivers/replay.h"
-#include "drivers/socketcan.h"
-#include "drivers/text.h"
+#include "drivers/can/can_udp.h"
+#include "drivers/can/socketcan.h"
+#include "drivers/common/text.h"
+#include "drivers/recordings/can_log/can_log.h"
+#include "drivers/recordings/recording_file.h"
+#include "drivers/recordings/replay.h"
 #include "twin/contour.h"
 
 namespace servotwin::daemon {

@@ -14,9 +14,9 @@
 #include "daemon/config/config.h"
 #include "daemon/input/frame_source.h"
 #include "daemon/store/event_log.h"
-#include "drivers/can_map.h"
-#include "drivers/dds.h"
-#include "drivers/messages.h"
+#include "drivers/can/can_map.h"
+#include "drivers/common/messages.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin::daemon {
 

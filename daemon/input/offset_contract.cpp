@@ -4,9 +4,9 @@
 #include <cmath>
 #include <optional>
 
-#include "drivers/can_frame.h"
-#include "drivers/eds.h"
-#include "drivers/text.h"
+#include "drivers/can/can_frame.h"
+#include "drivers/can/eds.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 namespace {

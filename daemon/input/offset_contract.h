@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "daemon/config/config.h"
-#include "drivers/can_map.h"
+#include "drivers/can/can_map.h"
 
 namespace servotwin::daemon {
 

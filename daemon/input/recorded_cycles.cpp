@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 #include "identification/recording/segments.h"
 #include "identification/recording/stamps.h"
 

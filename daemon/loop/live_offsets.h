@@ -43,7 +43,7 @@
 
 #include "daemon/between/offset_plan.h"
 #include "daemon/loop/program_matcher.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "ilc/gate.h"
 #include "twin/contour.h"
 

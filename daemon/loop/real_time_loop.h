@@ -31,7 +31,7 @@
 #include "daemon/between/wake_up.h"
 #include "daemon/input/frame_source.h"
 #include "daemon/loop/live_offsets.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "twin/contour.h"
 
 namespace servotwin::daemon {

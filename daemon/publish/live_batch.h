@@ -11,7 +11,7 @@
 #include <optional>
 #include <vector>
 
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "daemon/publish/live_batch.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

@@ -6,7 +6,7 @@
 // again, because readers have dropped what it sent before; while it is in standby, offsets of live
 // runs do not leave (daemon/publish/offset_outlet.h). One worker thread, which may be a
 // real-time thread: it waits for the network and for nothing else. announce(): any thread. Errors:
-// the constructor throws std::runtime_error (drivers/dds.h).
+// the constructor throws std::runtime_error (drivers/dds/dds.h).
 #pragma once
 
 #include <cstdint>
@@ -25,7 +25,7 @@
 #include "daemon/publish/live_feed.h"
 #include "daemon/publish/offset_outlet.h"
 #include "daemon/store/store.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin::daemon {
 

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "daemon/between/cycle_row.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "twin/sample.h"
 
 namespace servotwin::daemon {

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "daemon/between/clock.h"
-#include "drivers/csv.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
+#include "drivers/recordings/table/csv.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -1,5 +1,5 @@
-// Detects that the residual of the twin of one axis has grown: a CUSUM (diagnosis/cusum.h) over the
-// residual in motion.
+// Detects that the residual of the twin of one axis has grown: a CUSUM
+// (diagnosis/statistics/cusum.h) over the residual in motion.
 //
 //   m_j = mean square of the residual over one second of motion,   y_j = log m_j
 //   z_j = (y_j - mean) / deviation, at most 3;   alarm where the CUSUM of z exceeds its threshold
@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "daemon/between/cycle_row.h"
-#include "diagnosis/cusum.h"
+#include "diagnosis/statistics/cusum.h"
 
 namespace servotwin::daemon {
 

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <utility>
 
-#include "diagnosis/text.h"
+#include "diagnosis/statistics/text.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::daemon {

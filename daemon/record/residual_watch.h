@@ -16,7 +16,7 @@
 #include "daemon/config/config.h"
 #include "daemon/record/residual_alarm.h"
 #include "daemon/store/event_log.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

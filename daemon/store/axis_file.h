@@ -6,8 +6,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "drivers/messages.h"
-#include "drivers/text.h"
+#include "drivers/common/messages.h"
+#include "drivers/common/text.h"
 
 namespace servotwin::daemon {
 

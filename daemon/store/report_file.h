@@ -1,6 +1,6 @@
-// The report of the last diagnosis of an axis (diagnosis/report.h), in a file beside the database:
-// reports/<machine>/<axis>.html. The old report stays until the new one is complete. Any thread.
-// Errors: std::runtime_error if it cannot be written.
+// The report of the last diagnosis of an axis (diagnosis/report/report.h), in a file beside the
+// database: reports/<machine>/<axis>.html. The old report stays until the new one is complete. Any
+// thread. Errors: std::runtime_error if it cannot be written.
 #pragma once
 
 #include <filesystem>

@@ -12,7 +12,7 @@
 #include "daemon/store/axis_file.h"
 #include "daemon/store/store_checksum.h"
 #include "daemon/store/store_statement.h"
-#include "drivers/file_handle.h"
+#include "drivers/common/file_handle.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <string_view>
 
-#include "drivers/checksum.h"
+#include "drivers/common/checksum.h"
 
 namespace servotwin::daemon {
 namespace {

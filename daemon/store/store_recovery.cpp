@@ -14,8 +14,8 @@
 #include "daemon/store/store_checksum.h"
 #include "daemon/store/store_statement.h"
 #include "daemon/store/write_ahead_log.h"
-#include "drivers/checksum.h"
-#include "drivers/file_handle.h"
+#include "drivers/common/checksum.h"
+#include "drivers/common/file_handle.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <string_view>
 
-#include "drivers/file_handle.h"
+#include "drivers/common/file_handle.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -12,7 +12,7 @@
 #include "daemon/store/report_file.h"
 #include "daemon/web/live_json.h"
 #include "daemon/web/page.h"
-#include "drivers/text.h"
+#include "drivers/common/text.h"
 #include "identification/model/json_number.h"
 #include "identification/model/model_file.h"
 

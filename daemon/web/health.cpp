@@ -1,6 +1,6 @@
 #include "daemon/web/health.h"
 
-#include "diagnosis/text.h"
+#include "diagnosis/statistics/text.h"
 
 namespace servotwin::daemon {
 

@@ -9,7 +9,7 @@
 
 #include "daemon/between/histogram.h"
 #include "daemon/publish/live_feed.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

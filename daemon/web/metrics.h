@@ -11,7 +11,7 @@
 #include "daemon/between/histogram.h"
 #include "daemon/publish/live_feed.h"
 #include "daemon/record/residual_watch.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 
 namespace servotwin::daemon {
 

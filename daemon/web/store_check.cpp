@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "daemon/between/clock.h"
-#include "diagnosis/text.h"
+#include "diagnosis/statistics/text.h"
 
 namespace servotwin::daemon {
 

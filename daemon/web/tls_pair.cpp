@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include "drivers/file_handle.h"
+#include "drivers/common/file_handle.h"
 
 namespace servotwin::daemon {
 namespace {

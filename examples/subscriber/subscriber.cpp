@@ -13,7 +13,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 namespace {
 

@@ -428,6 +428,11 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
   return begin_s;
 }
 
+bool has_torque(const SegmentedAxis& axis) {
+  return std::any_of(axis.segments.begin(), axis.segments.end(),
+                     [](const Segment& s) { return s.torque.size() > 0; });
+}
+
 Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size) {
   const auto channel = [&](const Eigen::ArrayXd& of) {
     return of.size() == whole.size() ? Eigen::ArrayXd(of.segment(begin, size)) : Eigen::ArrayXd();

@@ -86,6 +86,9 @@ struct SegmentedAxis {
 /// has an encoder.
 double append(SegmentedAxis& axis, SegmentedAxis next);
 
+/// Whether any segment has a torque signal.
+[[nodiscard]] bool has_torque(const SegmentedAxis& axis);
+
 /// `size` samples of a segment, from sample `begin` on.
 [[nodiscard]] Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size);
 

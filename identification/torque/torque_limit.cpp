@@ -38,7 +38,7 @@ constexpr std::size_t kMinMomentsAsking = 2;
 constexpr double kLawBefore_s = 3e-3, kLawAfter_s = 0.02, kHighTorque = 0.7;
 constexpr int kMinHighSamples = 20;
 constexpr double kSettle_s = 0.3;  // after which the loop has forgotten that it was open
-// A recorded torque may be behind the motion by as much (diagnosis/torque_lag.h).
+// A recorded torque may be behind the motion by as much (diagnosis/torque/torque_lag.h).
 constexpr double kBefore_s = 0.02;
 constexpr double kMinShareLeft = 0.5;  // of the samples in motion
 

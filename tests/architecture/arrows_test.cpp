@@ -49,7 +49,9 @@ const std::map<std::string, Floors> kFloors{
       {"identify", "diagnose", "web"}}},
     {"identification",
      {{"recording", "least_squares"}, {"model"}, {"response", "torque"}, {"loop"}}},
-    {"cli", {{"export"}}},
+    {"drivers", {{"common"}, {"can", "dds"}, {"recordings"}}},
+    {"diagnosis", {{"statistics"}, {"evidence"}, {"search"}, {"torque"}, {"report"}}},
+    {"cli", {{"common", "export"}, {"live", "program"}, {"recording"}}},
 };
 
 /// What an inner room must do without although its floor would allow it: the real-time loop

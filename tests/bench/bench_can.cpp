@@ -17,9 +17,9 @@
 
 #include "daemon/between/clock.h"
 #include "daemon/loop/scheduling.h"
-#include "drivers/can_encoder.h"
-#include "drivers/can_udp.h"
-#include "drivers/socketcan.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/can/can_udp.h"
+#include "drivers/can/socketcan.h"
 #include "tests/bench/record.h"
 
 namespace {

@@ -18,7 +18,7 @@
 #include <thread>
 #include <vector>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/free_port.h"
 #include "tests/support/process.h"
 #include "tests/support/temporary_directory.h"

@@ -25,7 +25,7 @@
 
 #include "daemon/between/clock.h"
 #include "daemon/store/store.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "servotwin.h"  // generated from msgs/servotwin.idl
 #include "tests/bench/record.h"
 

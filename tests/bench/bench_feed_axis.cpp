@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "cli/feed_axis_file.h"
+#include "cli/recording/feed_axis_file.h"
 #include "twin/feed_axis/feed_axis.h"
 #include "twin/feed_axis/reversing_motion.h"
 

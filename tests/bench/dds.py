@@ -46,7 +46,7 @@ SWEEP_HZ = (1000, 2000, 4000, 8000)
 AHEAD = (Load(8, 1000, 0), Load(8, 1000, 8), Load(8, 1000, 32), Load(32, 1000, 32))
 LATE_SHARE = 0.01  # of the frames, above which it is the sender that cannot keep the rate
 
-# What the daemon sets for itself (drivers/dds.cpp), for ddsperf.
+# What the daemon sets for itself (drivers/dds/dds.cpp), for ddsperf.
 LOOPBACK = """<CycloneDDS><Domain id="any">
 <General>
   <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>

@@ -20,7 +20,7 @@
 #include <string>
 #include <vector>
 
-#include "diagnosis/diagnose.h"
+#include "diagnosis/search/diagnose.h"
 #include "identification/loop/identify.h"
 #include "identification/model/stated_deviations.h"
 #include "ilc/feedforward.h"

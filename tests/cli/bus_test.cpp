@@ -15,7 +15,7 @@
 #include <sstream>
 #include <thread>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "program.h"
 #include "recordings.h"
 

@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "drivers/can_encoder.h"
-#include "drivers/can_udp.h"
-#include "drivers/candump.h"
-#include "drivers/recording_file.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/can/can_udp.h"
+#include "drivers/recordings/can_log/candump.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/cli/program.h"
 #include "tests/cli/recordings.h"
 #include "tests/support/free_port.h"

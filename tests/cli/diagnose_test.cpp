@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "program.h"
 #include "recordings.h"
 

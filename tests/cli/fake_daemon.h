@@ -8,7 +8,7 @@
 #include <string>
 #include <thread>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin::test {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "cli/feed_axis_file.h"
+#include "cli/recording/feed_axis_file.h"
 #include "program.h"
 
 namespace servotwin {

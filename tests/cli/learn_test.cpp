@@ -9,7 +9,7 @@
 #include <sstream>
 #include <tuple>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "program.h"
 #include "recordings.h"
 

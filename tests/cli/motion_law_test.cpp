@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "program.h"
 
 namespace servotwin {

@@ -16,7 +16,7 @@
 #include <sstream>
 #include <thread>
 
-#include "cli/shdr.h"
+#include "cli/live/shdr.h"
 #include "fake_daemon.h"
 #include "program.h"
 #include "tests/support/process.h"

@@ -7,7 +7,7 @@
 #include <sstream>
 #include <thread>
 
-#include "cli/output.h"
+#include "cli/common/output.h"
 #include "program.h"
 #include "recordings.h"
 

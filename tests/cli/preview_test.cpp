@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "program.h"
 #include "recordings.h"
 

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/store/store.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "program.h"
 #include "recordings.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "program.h"
 #include "recordings.h"
 #include "twin/twin.h"

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "daemon/store/store.h"
-#include "drivers/can_udp.h"
-#include "drivers/csv.h"
+#include "drivers/can/can_udp.h"
+#include "drivers/recordings/table/csv.h"
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"

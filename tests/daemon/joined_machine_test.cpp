@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "daemon/config/config.h"
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/daemon/http_client.h"
 #include "tests/support/free_port.h"
 #include "tests/support/process.h"

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "tests/support/process.h"
 
 namespace servotwin::test {

@@ -19,11 +19,11 @@
 #include <thread>
 #include <vector>
 
-#include "cli/virtual_drive.h"
+#include "cli/live/virtual_drive.h"
 #include "daemon/between/clock.h"
 #include "daemon/store/store.h"
-#include "drivers/can_bus.h"
-#include "drivers/can_encoder.h"
+#include "drivers/can/can_bus.h"
+#include "drivers/can/can_encoder.h"
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/learned_program.h"
 #include "tests/daemon/support.h"

@@ -1,7 +1,7 @@
 #include "tests/daemon/offset_kill.h"
 #include "tests/support/free_port.h"
 
-#include "drivers/can_udp.h"
+#include "drivers/can/can_udp.h"
 
 namespace servotwin::daemon {
 namespace {

@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "daemon/store/store.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "tests/daemon/ball_screw.h"
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/stalled_thread.h"

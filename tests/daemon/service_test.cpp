@@ -16,8 +16,8 @@
 
 #include "daemon/loop/scheduling.h"
 #include "daemon/store/store.h"
-#include "drivers/csv.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
+#include "drivers/recordings/table/csv.h"
 #include "tests/daemon/ball_screw.h"
 #include "tests/daemon/support.h"
 #include "twin/twin.h"
@@ -227,6 +227,14 @@ TEST_F(ServiceTest, SaysHowItIs) {
   for (std::uint64_t k = 0; k < 100; ++k) machine.cycle(k);
   machine.cycle(110);
   machine.send(110);
+  // It goes on until the end: after a second without a frame the daemon would be waiting.
+  std::uint64_t k = 110;
+  std::jthread goes_on([&](const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      machine.send(++k);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  });
   DdsReader<MachineStatus> statuses(node);
   MachineStatus status;
   do {
@@ -247,12 +255,15 @@ TEST_F(ServiceTest, SaysHowItIs) {
          std::chrono::steady_clock::now() < until)
     ASSERT_TRUE(statuses.receive(status, kPatience_s));
   EXPECT_THAT(status.axes[0].activity, HasSubstr("of 8.0 s of motion"));
+  goes_on.request_stop();
+  goes_on.join();
+  while (status.frames < k - 8) ASSERT_TRUE(statuses.receive(status, kPatience_s));
   stop();
   while (statuses.receive(status, 0.2)) {
   }
   EXPECT_EQ(status.state, DaemonState::kStopping) << "the last thing it says";
-  EXPECT_THAT(said_.str(),
-              HasSubstr("stopped after 102 frames, 10 lost, 1 repeated and ignored\n"));
+  EXPECT_THAT(said_.str(), HasSubstr("stopped after " + std::to_string(k - 8) +
+                                     " frames, 10 lost, 1 repeated and ignored\n"));
 }
 
 TEST_F(ServiceTest, StopsWhileItWaitsForAMachine) {

@@ -15,7 +15,7 @@
 
 #include "daemon/store/store.h"
 #include "daemon/store/store_checksum.h"
-#include "drivers/messages.h"
+#include "drivers/common/messages.h"
 #include "identification/model/model_file.h"
 #include "tests/support/temporary_directory.h"
 #include "twin/model.h"

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "daemon/store/store.h"
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"
 

@@ -1,5 +1,5 @@
 // The Bode plot of a frequency response: which points are drawn and which are left out.
-#include "diagnosis/bode.h"
+#include "diagnosis/report/bode.h"
 
 #include <gmock/gmock.h>
 

@@ -1,6 +1,6 @@
 // A change of the model against the loop derived directly from the changed drive: the closed form
-// of diagnosis/change.h, evaluated here from the physical parameters.
-#include "diagnosis/change.h"
+// of diagnosis/search/change.h, evaluated here from the physical parameters.
+#include "diagnosis/search/change.h"
 
 #include <gtest/gtest.h>
 

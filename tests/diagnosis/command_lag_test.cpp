@@ -1,4 +1,4 @@
-#include "diagnosis/command_lag.h"
+#include "diagnosis/evidence/command_lag.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

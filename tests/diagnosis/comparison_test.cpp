@@ -1,5 +1,5 @@
 // Errors of a comparison with an earlier model. Its results are tested in tests/hidden_effects.
-#include "diagnosis/comparison.h"
+#include "diagnosis/search/comparison.h"
 
 #include <gmock/gmock.h>
 

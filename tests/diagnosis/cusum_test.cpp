@@ -1,5 +1,5 @@
 // The CUSUM against published tables, the exact integral equation, and simulation.
-#include "diagnosis/cusum.h"
+#include "diagnosis/statistics/cusum.h"
 
 #include <gtest/gtest.h>
 

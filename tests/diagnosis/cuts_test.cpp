@@ -1,5 +1,5 @@
 // Detection of cuts: an intermittent tone is a cut, a permanent tone is not.
-#include "diagnosis/cuts.h"
+#include "diagnosis/evidence/cuts.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Diagnosis: names the causes that are present, and none on a machine without any.
-#include "diagnosis/diagnose.h"
+#include "diagnosis/search/diagnose.h"
 
 #include <gmock/gmock.h>
 
@@ -7,9 +7,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "diagnosis/diagnosis_file.h"
-#include "diagnosis/report.h"
-#include "drivers/recording_file.h"
+#include "diagnosis/report/diagnosis_file.h"
+#include "diagnosis/report/report.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/least_squares/parallel.h"
 #include "tests/support/real_data.h"
 #include "tests/virtual_machine/axis.h"

@@ -1,11 +1,11 @@
-#include "diagnosis/diagnosis_file.h"
+#include "diagnosis/report/diagnosis_file.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
 
-#include "diagnosis/cause_words.h"
+#include "diagnosis/report/cause_words.h"
 
 namespace servotwin {
 namespace {

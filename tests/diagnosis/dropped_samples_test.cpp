@@ -1,5 +1,5 @@
 // Lost samples: held values are counted and interpolated; an axis at rest is not taken for one.
-#include "diagnosis/dropped_samples.h"
+#include "diagnosis/evidence/dropped_samples.h"
 
 #include <gtest/gtest.h>
 

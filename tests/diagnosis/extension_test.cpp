@@ -1,5 +1,5 @@
 // Adding effects to structures and removing causes from them.
-#include "diagnosis/extension.h"
+#include "diagnosis/search/extension.h"
 
 #include <gmock/gmock.h>
 

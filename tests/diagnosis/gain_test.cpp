@@ -1,5 +1,5 @@
 // The tracking and contour error expected from a repair, against closed forms.
-#include "diagnosis/gain.h"
+#include "diagnosis/search/gain.h"
 
 #include <gtest/gtest.h>
 

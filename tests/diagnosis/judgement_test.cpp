@@ -1,13 +1,13 @@
 // Rules by which a cause is named.
-#include "diagnosis/judgement.h"
+#include "diagnosis/search/judgement.h"
 
 #include <gmock/gmock.h>
 
 #include <algorithm>
 #include <numbers>
 
-#include "diagnosis/conclusion.h"
-#include "diagnosis/diagnose.h"
+#include "diagnosis/search/conclusion.h"
+#include "diagnosis/search/diagnose.h"
 
 namespace servotwin {
 namespace {

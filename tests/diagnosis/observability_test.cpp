@@ -1,6 +1,6 @@
 // A cause that is not observable in a recording is listed with its reason; an observable one is
 // not listed.
-#include "diagnosis/observability.h"
+#include "diagnosis/search/observability.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Models that no machine has, although each of their parameters is within its bounds.
-#include "diagnosis/plausibility.h"
+#include "diagnosis/search/plausibility.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Plots: positions and elements of the SVG.
-#include "diagnosis/plot.h"
+#include "diagnosis/report/plot.h"
 
 #include <gmock/gmock.h>
 

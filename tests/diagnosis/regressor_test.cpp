@@ -1,6 +1,6 @@
 // Residual explained by variables: added dependences are found with their size, and correlated
 // noise counts as chance.
-#include "diagnosis/regressor.h"
+#include "diagnosis/statistics/regressor.h"
 
 #include <gmock/gmock.h>
 
@@ -8,7 +8,7 @@
 #include <functional>
 #include <random>
 
-#include "diagnosis/spectrum.h"
+#include "diagnosis/statistics/spectrum.h"
 #include "twin/two_pi.h"
 
 namespace servotwin {

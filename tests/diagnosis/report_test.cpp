@@ -1,6 +1,6 @@
 // The report: its plots show measured values and not those of the model, its text names the axis,
 // the cause, its size and what to check, and the page is self-contained.
-#include "diagnosis/report.h"
+#include "diagnosis/report/report.h"
 
 #include <gmock/gmock.h>
 
@@ -8,10 +8,10 @@
 #include <fstream>
 #include <random>
 
-#include "diagnosis/cause_picture.h"
-#include "diagnosis/cause_words.h"
-#include "diagnosis/diagnosis_file.h"
-#include "diagnosis/in_short.h"
+#include "diagnosis/report/cause_picture.h"
+#include "diagnosis/report/cause_words.h"
+#include "diagnosis/report/diagnosis_file.h"
+#include "diagnosis/report/in_short.h"
 #include "twin/twin.h"
 #include "twin/two_pi.h"
 

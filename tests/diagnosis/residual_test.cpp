@@ -1,6 +1,6 @@
 // Regimes of motions whose velocity is piecewise linear, so that every boundary is known in closed
 // form.
-#include "diagnosis/residual.h"
+#include "diagnosis/statistics/residual.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // The statistics by which candidates are judged, in closed form.
-#include "diagnosis/search.h"
+#include "diagnosis/search/search.h"
 
 #include <gtest/gtest.h>
 

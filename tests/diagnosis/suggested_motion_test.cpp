@@ -1,6 +1,6 @@
 // The suggested test motion: for every pair of causes there is one, or a reason why not, and it
 // stays within the limits of the recording.
-#include "diagnosis/suggested_motion.h"
+#include "diagnosis/search/suggested_motion.h"
 
 #include <gmock/gmock.h>
 
@@ -8,7 +8,7 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "diagnosis/diagnose.h"
+#include "diagnosis/search/diagnose.h"
 #include "identification/recording/evidence.h"
 #include "tests/virtual_machine/program.h"
 #include "twin/catalogue.h"

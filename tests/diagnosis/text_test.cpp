@@ -1,4 +1,4 @@
-#include "diagnosis/text.h"
+#include "diagnosis/statistics/text.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // Causes in the torque: named with their sizes where they are present, and none where there is
 // none. The torque is computed in closed form along a known motion, without any code of the twin.
-#include "diagnosis/torque.h"
+#include "diagnosis/torque/torque.h"
 
 #include <gmock/gmock.h>
 
@@ -10,11 +10,11 @@
 #include <numbers>
 #include <random>
 
-#include "diagnosis/diagnosis_file.h"
-#include "diagnosis/torque_body.h"
-#include "diagnosis/torque_rows.h"
-#include "diagnosis/torque_text.h"
-#include "drivers/recording_file.h"
+#include "diagnosis/report/diagnosis_file.h"
+#include "diagnosis/report/torque_text.h"
+#include "diagnosis/torque/torque_body.h"
+#include "diagnosis/torque/torque_rows.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/real_data.h"
 
 namespace servotwin {

@@ -1,6 +1,6 @@
 // The term for the unexplained residual: it finds the variable that the residual depends on and
 // predicts held-out motion. The true force is smooth, not a table like the term.
-#include "diagnosis/unexplained.h"
+#include "diagnosis/search/unexplained.h"
 
 #include <gtest/gtest.h>
 

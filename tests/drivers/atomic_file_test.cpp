@@ -7,7 +7,7 @@
 #include <iterator>
 #include <string>
 
-#include "drivers/file_handle.h"
+#include "drivers/common/file_handle.h"
 #include "tests/support/temporary_directory.h"
 
 namespace servotwin {

@@ -7,8 +7,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "drivers/memory.h"
-#include "drivers/recording_file.h"
+#include "drivers/common/memory.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"
 

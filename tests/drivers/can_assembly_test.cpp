@@ -1,12 +1,12 @@
 // From frames to cycles: complete ones, and every kind of incomplete ones.
-#include "drivers/can_assembly.h"
+#include "drivers/can/can_assembly.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "drivers/can_encoder.h"
+#include "drivers/can/can_encoder.h"
 
 namespace servotwin {
 namespace {

@@ -1,11 +1,11 @@
 // Lines of CAN logs of other programs. The lines are those that candump, python-can and PEAK's
 // programs write; the files of real_data hold the same bus in four forms.
-#include "drivers/can_log_form.h"
+#include "drivers/recordings/can_log/can_log_form.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "drivers/can_log.h"
+#include "drivers/recordings/can_log/can_log.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"
 

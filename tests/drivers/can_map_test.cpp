@@ -1,6 +1,6 @@
 // Mappings: signals by hand, from DBC and EDS; units, gear, lead and sign; and the messages for
 // errors.
-#include "drivers/can_map.h"
+#include "drivers/can/can_map.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include <limits>
 #include <numbers>
 
-#include "drivers/can_frame.h"
+#include "drivers/can/can_frame.h"
 #include "tests/support/real_data.h"
 #include "tests/support/temporary_directory.h"
 

@@ -1,6 +1,6 @@
 // Bits to numbers: closed forms by hand, round trips over all places, and the DBC numbering of
 // bits.
-#include "drivers/can_signal.h"
+#include "drivers/can/can_signal.h"
 
 #include <gtest/gtest.h>
 

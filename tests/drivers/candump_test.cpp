@@ -1,5 +1,5 @@
 // CAN logs: every kind of line, messages for invalid lines, and round trips.
-#include "drivers/can_log.h"
+#include "drivers/recordings/can_log/can_log.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

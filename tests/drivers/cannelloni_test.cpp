@@ -1,5 +1,5 @@
 // CAN over UDP: the bytes of the format, damaged packets, and two buses on the loopback interface.
-#include "drivers/cannelloni.h"
+#include "drivers/can/cannelloni.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 #include <vector>
 
-#include "drivers/can_udp.h"
+#include "drivers/can/can_udp.h"
 #include "tests/support/expect_error.h"
 
 namespace servotwin {

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/temporary_directory.h"
 
 namespace servotwin {

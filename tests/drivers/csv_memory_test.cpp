@@ -7,7 +7,7 @@
 #include <fstream>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/peak_memory.h"
 #include "tests/support/temporary_directory.h"
 

@@ -1,4 +1,4 @@
-#include "drivers/csv.h"
+#include "drivers/recordings/table/csv.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <numbers>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/drivers/table_fixture.h"
 #include "tests/support/expect_error.h"
 

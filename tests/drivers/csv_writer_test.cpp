@@ -13,8 +13,8 @@
 #include <random>
 #include <stdexcept>
 
-#include "drivers/checksum.h"
-#include "drivers/csv.h"
+#include "drivers/common/checksum.h"
+#include "drivers/recordings/table/csv.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"
 

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/dbc.h"
+#include "drivers/can/dbc.h"
 #include "tests/support/temporary_directory.h"
 
 namespace servotwin {

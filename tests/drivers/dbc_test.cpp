@@ -1,5 +1,5 @@
 // DBC files: what is read, what is skipped, and what is refused with its line.
-#include "drivers/dbc.h"
+#include "drivers/can/dbc.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // What Cyclone DDS reports goes to standard error, and not without limit.
-#include "drivers/dds_log.h"
+#include "drivers/dds/dds_log.h"
 
 #include <dds/dds.h>
 #include <dds/ddsrt/log.h>

@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 namespace servotwin {
 

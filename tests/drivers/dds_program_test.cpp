@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "servotwin.h"
 #include "tests/drivers/dds_place.h"
 

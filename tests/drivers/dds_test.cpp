@@ -1,4 +1,4 @@
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 // Object dictionaries: real ones compared with their own lines, and invented ones with typical
 // faults.
-#include "drivers/eds.h"
+#include "drivers/can/eds.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -6,8 +6,8 @@
 #include <numbers>
 #include <string>
 
-#include "drivers/recording_file.h"
-#include "drivers/time_stamp.h"
+#include "drivers/common/time_stamp.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/drivers/table_fixture.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"

@@ -1,6 +1,6 @@
 // Tables of programs whose names of columns say what they are. The samples of known_columns/ are
 // sines in the units that the programs document; README.md there.
-#include "drivers/known_columns.h"
+#include "drivers/recordings/table/known_columns.h"
 
 #include <gtest/gtest.h>
 

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/peak_memory.h"
 #include "tests/support/temporary_directory.h"
 

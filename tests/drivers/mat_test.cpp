@@ -1,4 +1,4 @@
-#include "drivers/mat.h"
+#include "drivers/recordings/matlab/mat.h"
 
 #include <gtest/gtest.h>
 #include <matio.h>
@@ -17,7 +17,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"
 

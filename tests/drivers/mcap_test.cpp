@@ -5,7 +5,7 @@
 #include <cmath>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/drivers/mcap_writer.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"

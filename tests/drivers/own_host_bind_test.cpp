@@ -1,5 +1,5 @@
 // Which addresses the sockets of DDS have: the kernel's own list of them.
-#include "drivers/own_host_bind.h"
+#include "drivers/dds/own_host_bind.h"
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@
 #include <filesystem>
 #include <set>
 
-#include "drivers/dds.h"
+#include "drivers/dds/dds.h"
 #include "tests/drivers/dds_place.h"
 
 namespace servotwin {

@@ -1,12 +1,12 @@
 // Tables with lines above their header, as recorders and oscilloscopes write them. What is true
 // here is what the person who wrote the cells meant.
-#include "drivers/preamble.h"
+#include "drivers/recordings/table/preamble.h"
 
 #include <gtest/gtest.h>
 
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/drivers/table_fixture.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"

@@ -1,12 +1,12 @@
 // A format that is named comes before what a file looks like.
-#include "drivers/recording_format.h"
+#include "drivers/recordings/recording_format.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"
 

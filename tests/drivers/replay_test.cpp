@@ -1,4 +1,4 @@
-#include "drivers/replay.h"
+#include "drivers/recordings/replay.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

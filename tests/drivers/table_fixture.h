@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/temporary_directory.h"
 
 namespace servotwin {

@@ -1,11 +1,14 @@
-// Traces of controllers. The samples here are written by the descriptions of their formats; the
-// recordings of real machines are read as well, where they are at hand.
+// Traces of controllers: the sample in the folder of each format, written by its description, and
+// recordings of real machines, where they are at hand.
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"
 #include "tests/support/temporary_directory.h"
@@ -15,6 +18,14 @@ namespace {
 
 using std::vector;
 using test::expect_error;
+
+/// The text of a sample, by its place in drivers/recordings.
+std::string sample(const char* name) {
+  const auto file = std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "drivers" / "recordings" / name;
+  std::ifstream in(file);
+  EXPECT_TRUE(in.good()) << file;
+  return {std::istreambuf_iterator<char>(in), {}};
+}
 
 class Traces : public testing::Test {
  protected:
@@ -33,20 +44,8 @@ class Traces : public testing::Test {
   test::TemporaryDirectory directory_;
 };
 
-constexpr const char* kTncscope =
-    "%TNCscopeNT data file\n%\n%[GLOBAL]\n%VERSION=2.0\n%\n"
-    "%[CURVE1]\n%NAME=s ist/Y\n%CHANNELTYPE=s ist\n%AXISTYPE=Y\n%DIMENSION=mm\n%COLUMN=2\n%\n"
-    "%[CURVE2]\n%NAME=s soll/Y\n%CHANNELTYPE=s soll\n%AXISTYPE=Y\n%DIMENSION=mm\n%COLUMN=1\n%\n"
-    "%[CURVE3]\n%NAME=I ist/Y\n%CHANNELTYPE=I ist\n%AXISTYPE=Y\n%DIMENSION=Ampere\n%COLUMN=4\n%\n"
-    "%[CURVE4]\n%NAME=v ist/Y\n%CHANNELTYPE=v ist\n%AXISTYPE=Y\n%DIMENSION=mm/min\n%COLUMN=3\n%\n"
-    "%[DATA]\n"
-    " 0.000000000e+000;  4.000000000e+002;  4.000010000e+002;  6.000000000e+003;  "
-    "3.815000000e+000; \n"
-    " 3.000000000e+003;  4.003000000e+002;  4.002500000e+002;  6.000000000e+003; "
-    "-3.776000000e+000; \n";
-
 TEST_F(Traces, TncscopeNamesItsAxesAndChannels) {
-  const Recording r = read(kTncscope);
+  const Recording r = read(sample("tncscope/sample.sco"));
   ASSERT_EQ(r.axes.size(), 1U);
   EXPECT_EQ(r.axes[0].name, "Y");
   EXPECT_EQ(r.time, (vector<double>{0.0, 0.003}));
@@ -64,28 +63,22 @@ TEST_F(Traces, ATncscopeFileThatIsDamagedIsRefusedWithItsLine) {
   refuses("%TNCscopeNT data file\n0;1\n", {"line 2", "before %[DATA]"});
 }
 
-constexpr const char* kTwincat =
-    "Name;Scope\nFile;C:\\a.svdx\nStarttime of export;133603138100000000;x\n"
-    "Endtime of export;133603138190000000\n\n"
-    "Name;X.SetPos;X.ActPos;Name;Motor temperature\nSymbolComment;;;SymbolComment;\n"
-    "SampleTime[ms];1;1;SampleTime[ms];5\nUnit;mm;mm;Unit;(None)\n\n"
-    "0;0,5;0,25;0;31,5\n1;1,5;1,25;5;31,6\n2;2,5;2,25; ; \nEOF\n";
-
 TEST_F(Traces, TwincatScopeHasTimesBeforeEachGroupOfChannels) {
-  const Recording r = read(kTwincat);
+  const Recording r = read(sample("twincat_scope/sample.csv"));
   ASSERT_EQ(r.axes.size(), 1U);
   EXPECT_EQ(r.axes[0].name, "X");
   EXPECT_EQ(r.time, (vector<double>{0.0, 0.001, 0.002}));
   EXPECT_EQ(r.axes[0].command, (vector<double>{0.0005, 0.0015, 0.0025}));
   EXPECT_EQ(r.axes[0].actual, (vector<double>{0.00025, 0.00125, 0.00225}));
   // The slower group, whose rows end earlier.
-  const Recording slow = read(kTwincat, "T.command=Motor temperature[mm]");
+  const Recording slow =
+      read(sample("twincat_scope/sample.csv"), "T.command=Motor temperature[mm]");
   EXPECT_EQ(slow.time, (vector<double>{0.0, 0.005}));
   EXPECT_EQ(slow.axes[0].command, (vector<double>{0.0315, 0.0316}));
 }
 
 TEST_F(Traces, TwincatChannelsOfUnlikeRatesAreNotMixed) {
-  refuses(kTwincat,
+  refuses(sample("twincat_scope/sample.csv"),
           {"'X.command[mm]' was sampled every 1 ms and 'Motor temperature' every 5 ms",
            "name columns of one rate"},
           "X.command=X.command[mm],X.torque=Motor temperature[A]");
@@ -98,10 +91,7 @@ TEST_F(Traces, ATableWhoseFirstColumnIsCalledNameIsNoTwincatTrace) {
 }
 
 TEST_F(Traces, HalscopeHasNamesAndValuesInTurns) {
-  const char* log =
-      "Sampling period is 500000 nSec \n\n"
-      "joint.0.cmd +7,5 spindle.on +1,0 joint.0.fb +7,25 \n"
-      "joint.0.cmd +8,5 spindle.on +1,0 joint.0.fb -8,25 \n";
+  const std::string log = sample("halscope/sample.log");
   const Recording r = read(log, "X.command=joint.0.cmd[mm],X.actual=joint.0.fb[mm]");
   EXPECT_EQ(r.time, (vector<double>{0.0, 0.0005}));
   EXPECT_EQ(r.axes[0].command, (vector<double>{0.0075, 0.0085}));
@@ -113,12 +103,11 @@ TEST_F(Traces, HalscopeHasNamesAndValuesInTurns) {
 
 // As write_log_file() of LinuxCNC 2.9.9 writes it, and that of its master with two more comments.
 TEST_F(Traces, HalscopeOfLinuxcnc29IsATableWithItsPeriodInAComment) {
-  const std::string begin = "# Sampling period is 1000000 ns\njoint.0.cmd;spindle.on;joint.0.fb\n",
-                    more = "# Position: 0.500000;0.500000;0.500000\n# Scale: 3;0;3\n",
-                    rows =
-                        "7.50000000000000;1.00000000000000;7.25000000000000\n"
-                        "8.50000000000000;1.00000000000000;-8.25000000000000\n";
-  for (const std::string& text : {begin + rows, begin + more + rows}) {
+  const std::string settings = sample("halscope/sample.csv");
+  std::string plain = settings;
+  const std::size_t position = plain.find("# Position"), row = plain.find("7.5");
+  plain.erase(position, row - position);
+  for (const std::string& text : {plain, settings}) {
     const Recording r = read(text, "X.command=joint.0.cmd[mm],X.actual=joint.0.fb[mm]");
     EXPECT_EQ(r.time, (vector<double>{0.0, 0.001}));
     EXPECT_EQ(r.axes[0].command, (vector<double>{0.0075, 0.0085}));
@@ -128,15 +117,8 @@ TEST_F(Traces, HalscopeOfLinuxcnc29IsATableWithItsPeriodInAComment) {
   refuses("# Sampling period is 0 ns\na;b\n1;2\n", {"no time column"}, "X.command=a[mm]");
 }
 
-constexpr const char* kCapture =
-    R"({"Header":{"SignalListHFData":[{"Name":"CYCLE","Axis":"Cycle"},
- {"Name":"DES_POS|2","Axis":"Y1"},{"Name":"ENC_POS|2","Axis":"Y1"},{"Name":"TORQUE|2","Axis":"Y1"},
- {"Name":"DES_POS|4","Axis":"C1"},{"Name":"LOAD|2","Axis":"Y1"}],"CycleTimeMs":2},
- "Payload":[{"HFTimestamp":{}},{"HFData":[[100,910.0,910.5,-22.5,180,1],[101,911.0,911.5,null,90,1]]},
- {"HFBlockEvent":{}},{"HFData":[[110,912.0,912.5,3,0,1]]}],"Footer":{}})";
-
 TEST_F(Traces, ASinumerikCaptureCountsCycles) {
-  const Recording r = read(kCapture);
+  const Recording r = read(sample("sinumerik_capture/sample.json"));
   ASSERT_EQ(r.axes.size(), 2U);
   EXPECT_EQ(r.axes[0].name, "Y1");
   EXPECT_EQ(r.time, (vector<double>{0.0, 0.002, 0.02})) << "eight cycles were not captured";
@@ -149,7 +131,7 @@ TEST_F(Traces, ASinumerikCaptureCountsCycles) {
 }
 
 TEST_F(Traces, ACaptureThatIsDamagedIsRefused) {
-  const std::string whole(kCapture);
+  const std::string whole(sample("sinumerik_capture/sample.json"));
   refuses(whole.substr(0, 400), {"SINUMERIK capture cannot be read"});
   refuses(R"({"Header":{"CycleTimeMs":0,"SignalListHFData":[{"Name":"CYCLE"}]},"Payload":[]})",
           {"CycleTimeMs = 0 must be positive"});
@@ -217,31 +199,11 @@ TEST(RealTraces, TheSpellingsOfOneTwincatExportHoldTheSameSignals) {
 }
 
 // Axis 7 has its position setpoint and current every 2 ms, its encoders every 4 ms, from 2 ms on.
-constexpr const char* kSinumerikTrace =
-    "<?xml version=\"1.0\" encoding=\"utf-8\" ?>\n<!--XML file generated by SINUMERIK-->\n"
-    "<traceSession version=\"01.00.03.02\">\n<traceCaptureSetup><signal key=\"s1\" "
-    "name=\"x\"/></traceCaptureSetup>\n<traceData dataFrames=\"1\">\n <dataFrame>\n"
-    "  <frameHeader dropOuts=\"2\" startTime=\"2012-01-20T20:01:47.526Z\"/>\n"
-    "  <dataSignal interval=\"0.002000\" id=\"f5\" name=\"/Nck/!SD/nckServoDataCmdAccCtrlIn64 "
-    "[u1, 7]\"/>\n"
-    "  <dataSignal interval=\"0.002000\" id=\"f1\" "
-    "name=\"/Nck/!SD/nckServoDataCmdPos2ndEnc64 [u1, 7]\" unitsType=\"posn\"/>\n"
-    "  <dataSignal interval=\"0.004000\" id=\"f4\" name=\"/Channel/!SEMA/aaStat [u1, 7]\"/>\n"
-    "  <dataSignal interval=\"0.004000\" id=\"f2\" name=\"/Nck/!SEMA/measPos2 [u1, 7]\"/>\n"
-    "  <dataSignal interval=\"0.002000\" id=\"f3\" "
-    "name=\"/Nck/!SD/nckServoDataActCurr32 [u1, 7]\" unitsType=\"current\"/>\n"
-    "  <rec time=\"0.000000\" f1=\"1.0\" f3=\"-0.5\"/>\n"
-    "  <rec time=\"0.002000\" f1=\"1.5\" f2=\"0.9\"/>\n"
-    "  <rec time=\"0.004000\" f1=\"2.0\" f3=\"0.25\"/>\n"
-    "  <rec time=\"0.006000\" f1=\"2.5\" f2=\"1.9\"/>\n"
-    "  <rec time=\"0.012000\" f3=\"9218868437227405312\"/>\n"
-    "  <rec time=\"0.014000\" f1=\"4.0\" f2=\"3.9\"/>\n"
-    " </dataFrame>\n</traceData>\n</traceSession>\n";
 constexpr const char* kSinumerikColumns =
     "C.command=CmdPos2ndEnc64_7[mm],C.actual=measPos2_7[mm],C.torque=ActCurr32_7[A]";
 
 TEST_F(Traces, ASinumerikTraceHasARowWhereItsSlowestSignalIsSampled) {
-  const Recording r = read(kSinumerikTrace, kSinumerikColumns);
+  const Recording r = read(sample("sinumerik_trace/sample.xml"), kSinumerikColumns);
   ASSERT_EQ(r.axes.size(), 1U);
   // From 6 to 14 ms only the current changes: its value is then missing.
   ASSERT_EQ(r.time.size(), 4U);
@@ -259,7 +221,7 @@ TEST_F(Traces, ASinumerikTraceHasARowWhereItsSlowestSignalIsSampled) {
 }
 
 TEST_F(Traces, ASinumerikTraceWithFastSignalsAloneHasThatRate) {
-  const Recording r = read(kSinumerikTrace, "C.command=CmdPos2ndEnc64_7[deg]");
+  const Recording r = read(sample("sinumerik_trace/sample.xml"), "C.command=CmdPos2ndEnc64_7[deg]");
   ASSERT_EQ(r.time.size(), 8U);
   EXPECT_TRUE(r.axes[0].rotary);
   EXPECT_NEAR(r.axes[0].command[1], 1.5 * M_PI / 180.0, 1e-15);
@@ -267,7 +229,7 @@ TEST_F(Traces, ASinumerikTraceWithFastSignalsAloneHasThatRate) {
 }
 
 TEST_F(Traces, ASinumerikTraceIsReadUpToItsSecondFrame) {
-  std::string two = kSinumerikTrace;
+  std::string two = sample("sinumerik_trace/sample.xml");
   two.insert(two.find("</traceData>"),
              " <dataFrame>\n  <dataSignal interval=\"0.002\" id=\"f9\" name=\"/x/late [u1, 8]\"/>\n"
              "  <rec time=\"0.0\" f9=\"1\" f1=\"7\"/>\n </dataFrame>\n");
@@ -280,12 +242,13 @@ TEST_F(Traces, ASinumerikTraceIsReadUpToItsSecondFrame) {
 }
 
 TEST_F(Traces, ASinumerikTraceProposesItsColumns) {
-  refuses(kSinumerikTrace, {"X.command=CmdPos2ndEnc64_7[unit],X.actual=measPos2_7[unit],X.torque="
-                            "ActCurr32_7[unit]"});
+  refuses(sample("sinumerik_trace/sample.xml"),
+          {"X.command=CmdPos2ndEnc64_7[unit],X.actual=measPos2_7[unit],X.torque="
+           "ActCurr32_7[unit]"});
 }
 
 TEST_F(Traces, ASinumerikTraceThatIsDamagedIsRefusedWithItsLine) {
-  const std::string whole = kSinumerikTrace;
+  const std::string whole = sample("sinumerik_trace/sample.xml");
   const auto with = [&](const std::string& from, const std::string& to) {
     std::string out = whole;
     out.replace(out.find(from), from.size(), to);

@@ -1,4 +1,4 @@
-#include "drivers/units.h"
+#include "drivers/common/units.h"
 
 #include <gtest/gtest.h>
 

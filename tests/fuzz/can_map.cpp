@@ -1,10 +1,10 @@
 // A mapping of CAN signals: every problem is a line with its place; what is accepted can be decoded
 // from any frame, and has its messages and axes.
-#include "drivers/can_map.h"
+#include "drivers/can/can_map.h"
 
 #include <array>
 
-#include "drivers/can_frame.h"
+#include "drivers/can/can_frame.h"
 #include "tests/fuzz/fuzz.h"
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

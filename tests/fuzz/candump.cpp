@@ -1,5 +1,5 @@
 // A CAN log: a line that is read is a frame that can be, and is written to the same frame again.
-#include "drivers/can_log.h"
+#include "drivers/recordings/can_log/can_log.h"
 
 #include "tests/fuzz/fuzz.h"
 

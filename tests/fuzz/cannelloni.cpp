@@ -1,6 +1,6 @@
 // A packet of CAN over UDP: no frame is longer than frames are, and the errors of a frame can be
 // told.
-#include "drivers/cannelloni.h"
+#include "drivers/can/cannelloni.h"
 
 #include "tests/fuzz/fuzz.h"
 

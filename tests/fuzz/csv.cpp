@@ -1,9 +1,9 @@
 // A recording as a table or a trace: as many samples in every column as stamps.
 #include <array>
 
-#include "drivers/csv.h"
-#include "drivers/recording_file.h"
-#include "drivers/traces/sinumerik_capture.h"
+#include "drivers/recordings/recording_file.h"
+#include "drivers/recordings/sinumerik_capture/sinumerik_capture.h"
+#include "drivers/recordings/table/csv.h"
 #include "tests/fuzz/fuzz.h"
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -1,6 +1,6 @@
 // A .dbc file: every signal that is accepted lies in its message, and decodes and encodes without a
 // fault.
-#include "drivers/dbc.h"
+#include "drivers/can/dbc.h"
 
 #include <array>
 

@@ -1,5 +1,5 @@
 // An .eds or .dcf file: what is accepted has PDOs that fit into a frame.
-#include "drivers/eds.h"
+#include "drivers/can/eds.h"
 
 #include "tests/fuzz/fuzz.h"
 

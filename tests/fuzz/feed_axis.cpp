@@ -1,6 +1,6 @@
 // The parts of a feed axis: every problem is a line with its place; parts without one make a
 // mechanism that stands, wherever its nut is.
-#include "cli/feed_axis_file.h"
+#include "cli/recording/feed_axis_file.h"
 
 #include <cmath>
 

@@ -1,8 +1,8 @@
 // A recording as MATLAB file. libmatio reads it, whose own faults are not ours: what it does not
 // survive is kept away from it, if at all, by what is checked before.
-#include "drivers/mat.h"
+#include "drivers/recordings/matlab/mat.h"
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/fuzz/fuzz.h"
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

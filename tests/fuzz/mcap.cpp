@@ -1,6 +1,6 @@
 // A recording of ROS 2 in an MCAP file: as many samples in every channel as stamps, and those in
 // order.
-#include "drivers/mcap/mcap.h"
+#include "drivers/recordings/mcap/mcap.h"
 
 #include <algorithm>
 

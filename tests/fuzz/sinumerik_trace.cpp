@@ -1,5 +1,5 @@
 // A trace of a SINUMERIK as XML: as many samples in every channel as stamps, and those in order.
-#include "drivers/traces/sinumerik_trace.h"
+#include "drivers/recordings/sinumerik_trace/sinumerik_trace.h"
 
 #include <algorithm>
 

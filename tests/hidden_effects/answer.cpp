@@ -5,12 +5,12 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
-#include "diagnosis/comparison.h"
-#include "diagnosis/diagnose.h"
-#include "diagnosis/diagnosis_file.h"
-#include "diagnosis/torque.h"
-#include "diagnosis/torque_text.h"
-#include "drivers/recording_file.h"
+#include "diagnosis/report/diagnosis_file.h"
+#include "diagnosis/report/torque_text.h"
+#include "diagnosis/search/comparison.h"
+#include "diagnosis/search/diagnose.h"
+#include "diagnosis/torque/torque.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/segments.h"
 #include "tests/support/temporary_directory.h"
 

@@ -1,6 +1,6 @@
 // What the difference of two encoders shows, of machines that share no code with the twin and whose
 // gap, spring and friction are known.
-#include "diagnosis/encoder_difference.h"
+#include "diagnosis/evidence/encoder_difference.h"
 
 #include <gmock/gmock.h>
 
@@ -8,8 +8,8 @@
 #include <numbers>
 #include <random>
 
-#include "diagnosis/text.h"
-#include "drivers/recording_file.h"
+#include "diagnosis/statistics/text.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/positions.h"
 #include "tests/hidden_effects/rig.h"
 #include "tests/support/temporary_directory.h"

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <iomanip>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/noise_floor.h"
 #include "identification/recording/segments.h"
 #include "tests/support/temporary_directory.h"

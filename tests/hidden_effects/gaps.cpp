@@ -6,9 +6,9 @@
 #include <optional>
 #include <vector>
 
-#include "diagnosis/extension.h"
-#include "diagnosis/search.h"
-#include "drivers/recording_file.h"
+#include "diagnosis/search/extension.h"
+#include "diagnosis/search/search.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/noise_floor.h"
 #include "identification/recording/segments.h"
 #include "tests/support/temporary_directory.h"

@@ -8,9 +8,9 @@
 #include <iostream>
 #include <ostream>
 
-#include "diagnosis/extension.h"
-#include "diagnosis/search.h"
-#include "diagnosis/suggested_motion.h"
+#include "diagnosis/search/extension.h"
+#include "diagnosis/search/search.h"
+#include "diagnosis/search/suggested_motion.h"
 #include "identification/loop/output_error.h"
 #include "identification/recording/noise_floor.h"
 #include "tests/hidden_effects/rig.h"

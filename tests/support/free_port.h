@@ -1,7 +1,7 @@
 // A port of this host that nobody uses, for UDP and TCP.
 #pragma once
 
-#include "drivers/can_udp.h"
+#include "drivers/can/can_udp.h"
 
 namespace servotwin::test {
 

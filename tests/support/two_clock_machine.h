@@ -15,11 +15,11 @@
 #include <vector>
 
 #include "daemon/between/clock.h"
-#include "drivers/can_encoder.h"
-#include "drivers/can_map.h"
-#include "drivers/can_udp.h"
-#include "drivers/dds.h"
-#include "drivers/socketcan.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/can/can_map.h"
+#include "drivers/can/can_udp.h"
+#include "drivers/can/socketcan.h"
+#include "drivers/dds/dds.h"
 #include "twin/sample.h"
 
 namespace servotwin::test {

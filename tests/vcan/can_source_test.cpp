@@ -11,9 +11,9 @@
 #include <numbers>
 #include <thread>
 
-#include "cli/virtual_drive.h"
+#include "cli/live/virtual_drive.h"
 #include "daemon/between/clock.h"
-#include "drivers/can_encoder.h"
+#include "drivers/can/can_encoder.h"
 #include "tests/vcan/support.h"
 
 namespace servotwin {

@@ -14,9 +14,9 @@
 #include <thread>
 
 #include "daemon/store/store.h"
-#include "drivers/can_encoder.h"
-#include "drivers/can_log.h"
-#include "drivers/recording_file.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/recordings/can_log/can_log.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/model/model_file.h"
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/prometheus_text.h"

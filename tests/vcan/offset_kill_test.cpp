@@ -1,6 +1,6 @@
 #include "tests/daemon/offset_kill.h"
 
-#include "drivers/socketcan.h"
+#include "drivers/can/socketcan.h"
 
 namespace servotwin {
 namespace {

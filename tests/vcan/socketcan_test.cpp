@@ -1,5 +1,5 @@
 // Real CAN sockets: round trips, stamps, FD, filters, drop counts, interfaces that go and come.
-#include "drivers/socketcan.h"
+#include "drivers/can/socketcan.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "drivers/can_map.h"
-#include "drivers/socketcan.h"
+#include "drivers/can/can_map.h"
+#include "drivers/can/socketcan.h"
 #include "twin/model.h"
 
 namespace servotwin::test {

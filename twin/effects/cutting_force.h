@@ -2,8 +2,8 @@
 //
 //   d = in_cut (mean + sine sin(2 pi f t) + cosine cos(2 pi f t))
 //
-// `in_cut` is given by the recording, or detected from the tone (diagnosis/cuts.h). Source:
-// docs/theory.md 3.11.
+// `in_cut` is given by the recording, or detected from the tone (diagnosis/evidence/cuts.h).
+// Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

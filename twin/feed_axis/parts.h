@@ -1,6 +1,6 @@
 // The parts of a feed axis with ball screw, as in data sheets and drawings (Ferkl et al. 2021;
 // docs/theory.md 16). SI units: m, rad, kg, s, N, Nm. Ranges are checked when a file is read
-// (cli/feed_axis_file.h), not by the code that uses the parts. Plain data; any thread.
+// (cli/recording/feed_axis_file.h), not by the code that uses the parts. Plain data; any thread.
 #pragma once
 
 #include <optional>

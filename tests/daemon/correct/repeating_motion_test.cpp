@@ -11,7 +11,7 @@
 #include <numbers>
 #include <random>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin::daemon {

@@ -10,7 +10,7 @@
 #include <random>
 #include <sstream>
 
-#include "drivers/csv.h"
+#include "drivers/recordings/table/csv.h"
 #include "tests/daemon/full_disk.h"
 #include "tests/daemon/support.h"
 #include "tests/hidden_effects/cases.h"

@@ -9,11 +9,11 @@
 #include <deque>
 #include <thread>
 
-#include "cli/virtual_drive.h"
+#include "cli/live/virtual_drive.h"
 #include "daemon/between/clock.h"
 #include "daemon/input/can_offset.h"
-#include "drivers/can_encoder.h"
-#include "drivers/can_udp.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/can/can_udp.h"
 #include "tests/daemon/support.h"
 #include "tests/support/expect_error.h"
 

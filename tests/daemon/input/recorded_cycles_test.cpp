@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-#include "drivers/replay.h"
+#include "drivers/recordings/replay.h"
 #include "identification/recording/segments.h"
 #include "tests/daemon/support.h"
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin::daemon {

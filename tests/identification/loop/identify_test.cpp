@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"
 #include "tests/virtual_machine/axis.h"

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/loop/identify.h"
 #include "identification/recording/motion_range.h"
 #include "tests/support/real_data.h"

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/loop/identify.h"
 #include "tests/hidden_effects/cases.h"
 #include "tests/support/temporary_directory.h"

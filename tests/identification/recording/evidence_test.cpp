@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/projection.h"
 #include "identification/recording/segments.h"

@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/same_axis.h"
 #include "identification/recording/signals.h"

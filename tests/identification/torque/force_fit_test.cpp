@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-#include "drivers/recording_file.h"
+#include "drivers/recordings/recording_file.h"
 #include "identification/recording/segments.h"
 #include "identification/torque/friction_from_torque.h"
 #include "tests/support/real_data.h"

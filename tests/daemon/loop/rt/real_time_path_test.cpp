@@ -13,8 +13,8 @@
 #include "daemon/input/can_source.h"
 #include "daemon/loop/live_offsets.h"
 #include "daemon/loop/real_time_loop.h"
-#include "drivers/can_encoder.h"
-#include "drivers/can_udp.h"
+#include "drivers/can/can_encoder.h"
+#include "drivers/can/can_udp.h"
 #include "tests/daemon/loop/rt/forbid_heap.h"
 #include "tests/daemon/support.h"
 

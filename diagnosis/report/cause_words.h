@@ -1,0 +1,24 @@
+// Causes in plain English for a maintenance engineer. Any thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "diagnosis/search/diagnose.h"
+
+namespace servotwin {
+
+/// The plain name of a cause of the contract, such as "friction that differs between the two
+/// directions"; the identifier itself where there is no such cause.
+[[nodiscard]] std::string plain_name(const std::string& id);
+
+/// How large the cause is, in mm, um, ms and N per kg of moved mass (mrad, urad and N m per kg m^2
+/// on a rotary axis).
+[[nodiscard]] std::string plain_size(const Diagnosis& diagnosis, const Cause& cause);
+
+/// The verdict in a few sentences: which axis, which causes, how large, and what to check first.
+/// `by_torque`: identifiers of further causes that the torque shows.
+[[nodiscard]] std::string plain_verdict(const Diagnosis& diagnosis,
+                                        const std::vector<std::string>& by_torque = {});
+
+}  // namespace servotwin

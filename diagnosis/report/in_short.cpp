@@ -1,0 +1,45 @@
+#include "diagnosis/report/in_short.h"
+
+#include <algorithm>
+
+#include "diagnosis/report/cause_words.h"
+#include "diagnosis/statistics/text.h"
+#include "twin/shown_units.h"
+
+namespace servotwin {
+namespace {
+
+/// The causes that only the torque names. A limit of the motor is a sentence of its own.
+std::vector<std::string> further_by(const std::optional<TorqueDiagnosis>& torque,
+                                    const Diagnosis& diagnosis) {
+  std::vector<std::string> out;
+  if (!torque) return out;
+  for (const TorqueCause& cause : torque->causes) {
+    const bool told = std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
+                                  [&](const Cause& other) { return other.id == cause.id; }) ||
+                      (cause.id == "torque_saturation" && !diagnosis.at_limit.empty());
+    if (!told) out.push_back(cause.id);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::string> in_short(const Diagnosis& diagnosis,
+                                  const std::optional<TorqueDiagnosis>& torque) {
+  std::vector<std::string> out{plain_verdict(diagnosis, further_by(torque, diagnosis))};
+  const CommandLag& lag = diagnosis.lag;
+  const bool rotary = diagnosis.baseline.rotary;
+  const double delay_s = diagnosis.extended.model.command_delay_s();
+  constexpr double kMainShare = 0.5;  ///< of the squared error, and of the lag: the majority
+  if (lag.share > kMainShare && delay_s > kMainShare * lag.time_s) {
+    out.push_back("The tracking error itself is " + micro_text(lag.tracking_rms, rotary, 3) +
+                  text(" RMS; most of it is the delay of %.3g ms between command and encoder.",
+                       1e3 * delay_s));
+  } else if (std::string words = lag_text(lag, rotary); !words.empty()) {
+    out.push_back(std::move(words));
+  }
+  return out;
+}
+
+}  // namespace servotwin

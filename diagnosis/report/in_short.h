@@ -1,0 +1,18 @@
+// A diagnosis in a few sentences for people: the verdict with what to check first, and what the
+// tracking error itself consists of. Any thread.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "diagnosis/search/diagnose.h"
+#include "diagnosis/torque/torque.h"
+
+namespace servotwin {
+
+/// At least one; `torque`: what the torque shows, if it was recorded.
+[[nodiscard]] std::vector<std::string> in_short(const Diagnosis& diagnosis,
+                                                const std::optional<TorqueDiagnosis>& torque);
+
+}  // namespace servotwin

@@ -1,0 +1,176 @@
+// Two masses in the search for causes.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "diagnosis/search/selector.h"
+#include "diagnosis/statistics/thresholds.h"
+#include "identification/loop/two_mass_fit.h"
+#include "twin/two_mass_axis.h"
+
+namespace servotwin {
+
+namespace {
+
+// RMS of a rigid axis with a loop of the other order over that with this one, above which two
+// masses are not tried in it.
+constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
+// RMS of two masses over that of a model whose compliance is none of a machine, up to which they
+// take its place: beside the loop such a vibration follows two masses closely, with a frequency and
+// a damping that are those of no spring.
+constexpr double kMaxRmsRatioOfSpring = 1.02;
+
+// RMS over noise floor above which they are tried even where nothing that vibrates or has a gap is
+// promising beside the rigid axis.
+constexpr double kMinRmsOverFloorUnscreened = 4.0;
+
+/// The RMS of two masses over that of the model without them, below which they are accepted.
+double max_ratio(const Model& two_masses, const Model& without) {
+  const Effect* mode = without.find(kind_of<Compliance>());
+  constexpr double kScale = 1.0;  // a vibration has no lengths
+  return mode != nullptr && at_end_of("compliance", without, *mode, kScale) && !plays(two_masses)
+             ? kMaxRmsRatioOfSpring
+             : kMaxRmsRatioClearlyBetter;
+}
+
+}  // namespace
+
+bool Selector::part_masses() {
+  if (!may_have_two_masses()) return false;
+  const std::vector<std::size_t> kinds = two_mass_kinds(), laws = laws_on_load();
+  if (kinds.empty()) return false;
+  const auto left_by = [&](const Hypothesis& h) {  // in the training data
+    return h.structure.effects.empty() ? kAbsent
+                                       : servotwin::judge(h.model, search_.training()).rms;
+  };
+  const double left = left_by(now_.current);
+  Hypothesis best;
+  const Hypothesis& without = now_.current;
+  double least = std::numeric_limits<double>::infinity();
+  const auto take = [&](const Hypothesis& rigid) {
+    check_stop();
+    Hypothesis h;
+    if (rigid.structure.effects.empty() ||
+        !search_.part_masses(h, rigid, now_.current.model, kinds, laws, left))
+      return;
+    // The cross-validation takes as long as four fits.
+    if (!(left_by(h) < max_ratio(h.model, without.model) * left)) return;
+    search_.judge(h);
+    steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
+                          identity_of(two_mass_of(h.model)->kind).id.data(),
+                          rigid.structure.effects.size(), h.structure.order,
+                          size_of(h.rms()).c_str()));
+    if (h.rms() < std::min(least, max_ratio(h.model, without.model) * without.rms()))
+      least = h.rms(), best = std::move(h);
+  };
+  const int order = without.structure.order;
+  const Hypothesis alone = law_alone(order);
+  take(alone);
+  const double clearly = kMaxRmsRatioClearlyBetter * without.rms();
+  if (!(least < clearly) && alone.structure.effects.size() < without.structure.effects.size())
+    take(without_vibration());
+  const double reached = std::min(least, clearly);
+  if (options_.identify.order == 0 &&
+      !(reached < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
+    const Hypothesis other = law_alone(order == 2 ? 3 : 2);
+    if (!(left_by(other) > kMaxRmsRatioOfOtherOrder * left_by(alone))) take(other);
+  }
+  return !best.structure.effects.empty() && accept_two_masses(std::move(best));
+}
+
+bool Selector::may_have_two_masses() const {
+  if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
+  if (now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0) return true;
+  // As for a single cause: what is left may be the misfit of the law of friction.
+  const double misfit = std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
+  if (!(now_.current.rms() > misfit)) return false;
+  // A law of friction can imitate a gap so well that no gap beside it is promising.
+  if (now_.current.rms() > kMinRmsOverFloorUnscreened * search_.floor().rms) return true;
+  std::vector<std::size_t> kinds{kind_of<Compliance>(), kind_of<Backlash>(),
+                                 kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()};
+  std::erase_if(kinds, [&](std::size_t kind) { return options_.leaves_out(cause_of(kind)); });
+  const std::vector<Screened> screened = search_.screen(now_.current, kinds);
+  return std::any_of(screened.begin(), screened.end(), [](const Screened& s) {
+    return s.p < kMaxScreenP && s.gain > kMinScreenGain;
+  });
+}
+
+std::vector<std::size_t> Selector::two_mass_kinds() const {
+  const bool reading = Channels(search_.recorded(), options_.encoder_in_loop).reading;
+  std::vector<std::size_t> kinds;
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    // Play in front of an encoder outside the loop is an effect on its reading.
+    const bool asked =
+        kind != kind_of<PlayOutside>() && (reading || kind != kind_of<TwoMassOutside>());
+    if (acts_on_axis(kind) && asked && !options_.leaves_out(cause_of(kind))) kinds.push_back(kind);
+  }
+  return kinds;
+}
+
+std::vector<std::size_t> Selector::laws_on_load() const {
+  std::vector<std::size_t> laws;
+  for (const std::size_t law : kLawsOnLoad) {
+    const bool falls = law != kind_of<Presliding>();
+    if (!options_.leaves_out("presliding") && !(falls && options_.leaves_out("stribeck")))
+      laws.push_back(law);
+  }
+  return laws;
+}
+
+Hypothesis Selector::law_alone(int order) {
+  Hypothesis h;
+  h.structure = now_.current.structure;
+  h.structure.order = order;
+  std::erase_if(h.structure.effects, [](std::size_t kind) {
+    return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
+           kind != kind_of<TimeDelay>();
+  });
+  const bool same = order == now_.current.structure.order;
+  const std::vector<Point> from = same ? std::vector{point_of(now_.current.model, h.structure)}
+                                       : starts_in_other_order(h.structure);
+  if (!search_.fit(h, from)) return {};
+  search_.polish(h);
+  return h;
+}
+
+Hypothesis Selector::without_vibration() const {
+  Hypothesis h = now_.current;
+  const auto vibrates = [](std::size_t kind) {
+    return cause_of(kind) == "compliance" || cause_of(kind) == "backlash";
+  };
+  std::erase_if(h.structure.effects, vibrates);
+  std::erase_if(h.model.effects, [&](const Effect& effect) { return vibrates(effect.kind); });
+  h.point = point_of(h.model, h.structure);
+  return h;
+}
+
+bool Selector::accept_two_masses(Hypothesis two_masses) {
+  const State before = now_;
+  now_.current = std::move(two_masses);
+  settle();
+  if (!(now_.current.rms() <
+        max_ratio(now_.current.model, before.current.model) * before.current.rms()) ||
+      !search_.is_plausible(now_.current.model)) {
+    back_to(before);
+    return false;
+  }
+  std::erase_if(now_.found, [&](const auto& one) { return !now_.current.has(one.second.kind); });
+  const std::size_t kind = two_mass_of(now_.current.model)->kind;
+  // Where two masses only take the place of a compliance, its evidence stays.
+  const bool in_its_place =
+      !(now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms());
+  const auto known = before.found.find(std::string(cause_of(kind)));
+  const Cause cause = in_its_place && known != before.found.end()
+                          ? known->second.cause
+                          : cause_by_improvement(cause_of(kind), before.current);
+  now_.found[cause.id] = {cause, kind};
+  const auto& effects = now_.current.structure.effects;
+  const auto law = std::find_if(effects.begin(), effects.end(), is_friction_law);
+  if (law != effects.end() && *law != kind_of<CoulombFriction>()) named_by(*law, cause);
+  last_ = cause.id;
+  steps_.push_back(text("  %s: added", cause.id.c_str()));
+  rejected_.clear();
+  return true;
+}
+
+}  // namespace servotwin

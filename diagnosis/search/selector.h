@@ -1,0 +1,162 @@
+// The search behind select_causes: adds causes one by one, as long as each improves the model
+// enough (docs/theory.md 10). Its steps are in selection_*.cpp.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "diagnosis/search/judgement.h"
+#include "diagnosis/search/search.h"
+#include "diagnosis/search/selection.h"
+#include "diagnosis/statistics/text.h"
+#include "twin/shown_units.h"
+
+namespace servotwin {
+
+// RMS over RMS of the current model below which a model is clearly better; demanded of a law of
+// friction that implies more than is known.
+constexpr double kMaxRmsRatioClearlyBetter = 0.8;
+// RMS over noise floor above which an axis of two masses is tried.
+constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
+
+/// One search. One thread; throws std::runtime_error where the options ask to stop.
+class Selector {
+ public:
+  Selector(Search& search, Hypothesis baseline, const DiagnoseOptions& options)
+      : search_(search), now_{std::move(baseline), {}, {}, {}}, options_(options) {}
+
+  void run();
+  [[nodiscard]] const Hypothesis& current() const { return now_.current; }
+  [[nodiscard]] const Model& settled() const { return settled_; }
+  [[nodiscard]] const std::optional<Hypothesis>& undelayed() const { return undelayed_; }
+  [[nodiscard]] const std::map<std::string, Found>& found() const { return now_.found; }
+  [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
+
+ private:
+  /// Everything that an attempt changes; restored if the attempt improves nothing.
+  struct State {
+    Hypothesis current;  ///< the present model, refitted in free simulation
+    Hypothesis fitted;   ///< the same structure fitted by projection, to compare candidates with
+    Hypothesis as_is;    ///< `current` with its error on all blocks, its coefficients fixed
+    std::map<std::string, Found> found;
+  };
+  void back_to(const State& before);
+
+  // Any step.
+  void add_causes();
+  /// An error as the steps show it.
+  [[nodiscard]] std::string size_of(double rms) const { return micro_text(rms, search_.rotary()); }
+  /// Throws where the diagnosis was asked to stop.
+  void check_stop() const;
+  /// Refits the present structure as well as possible, before candidates are added to it.
+  void settle();
+  /// The cause that the present model has and that one had not.
+  [[nodiscard]] Cause cause_by_improvement(std::string id, const Hypothesis& before) const;
+  /// Removes a cause that a later one has made unnecessary.
+  void remove_unnecessary();
+
+  // The delay, the order and the integrator of the loop.
+  /// Removes the delay if a loop with free numerator fits as well without it: unmodelled friction
+  /// can look like a delay.
+  void delay();
+  /// Adds a delay to a loop with a velocity error; the structures of the baseline do not combine
+  /// the two. False where it does not improve the model enough.
+  bool add_delay();
+  /// Replaces a mode by a delay where that fits better: the poles and zeros of a mode can imitate a
+  /// delay, which needs one parameter instead of four.
+  bool delay_does_better(Hypothesis mode);
+  /// Where to search the poles of a loop of the other order, with the present shape parameters:
+  /// with a slow pole more, or without one of the real ones.
+  [[nodiscard]] std::vector<Point> starts_in_other_order(const Structure& structure) const;
+  /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
+  /// part of the loop beside which causes are searched; a missing cause may have hidden it.
+  void integrator();
+
+  // A round: candidates are screened, fitted and compared, and one is added.
+  /// False where no candidate improves the model enough.
+  bool add_one();
+  [[nodiscard]] std::vector<std::size_t> kinds_to_screen() const;
+  /// Those of these kinds that the screen forecasts a gain for, the best first.
+  [[nodiscard]] std::vector<Screened> promising_of(const std::vector<std::size_t>& kinds);
+  struct Fitted {
+    std::vector<Tried> tried;  ///< the best first
+    /// Those that explain much of the training data, for a second judgement where the left-out
+    /// blocks disagree.
+    std::vector<Tried> doubted;
+  };
+  [[nodiscard]] Fitted fitted(const std::vector<Screened>& promising);
+  /// A candidate fitted together with the loop, which may have absorbed a part of the effect; and
+  /// with the loop fixed, which is better where the measured motion is less accurate than the
+  /// simulated.
+  struct Candidate {
+    Hypothesis h, beside;
+    bool fits = false, varies = false;
+  };
+  /// Fits the next `count` of these, as far as there are so many.
+  void fit_some(const std::vector<Screened>& promising, std::size_t count,
+                std::vector<Candidate>& candidates);
+  /// Judges the doubted ones by their best fit, and adds to `tried` those that stay good.
+  void judge_again(std::vector<Tried>& doubted, std::vector<Tried>& tried);
+  /// Refits the two best candidates in free simulation where they explain nearly the same, so that
+  /// the better one is chosen by its best fit. So does a limit beside pushes at free moments: the
+  /// loop that was fitted without the limit stands for a part of it.
+  void polish_rivals(std::vector<Tried>& tried);
+  /// The time at which an effect sets in; nothing where it acts all the time.
+  [[nodiscard]] static std::optional<double> moment_of(const Hypothesis& h, std::size_t kind);
+  [[nodiscard]] static std::size_t shapes_before(const Structure& structure, std::size_t kind);
+  [[nodiscard]] Point start_of(const Structure& structure, const Screened& s) const;
+
+  // Laws of friction.
+  /// Replaces presliding and falling friction, two effects, by one law of friction where that
+  /// predicts better.
+  void one_law_of_friction();
+  /// Where the residual stays large with a law of friction, the law itself may be wrong: tries one
+  /// whose virgin curve is free. True where that is clearly better and was accepted.
+  bool free_law();
+  /// A law whose breakaway force is high and falls at once stands for one that grows at rest: tries
+  /// that beside every law of friction. True where it is clearly better.
+  bool law_beside_rests();
+  /// The misfit of a wrong law of friction can look like backlash, a mode or dwell stiction:
+  /// removes such a cause where another law of friction fits as well without it.
+  void replace_misfit_by_law();
+  /// Names the causes contained in a law of friction: presliding always, stribeck if it was named
+  /// before or if the friction of the law changes enough with speed.
+  void named_by(std::size_t law, const Cause& evidence);
+
+  // Two masses.
+  /// Where much stays unexplained, or a mode or a gap beside a rigid axis was found, the axis may
+  /// not be rigid: tries one of two masses, beside its law of friction alone, beside all causes
+  /// found so far, and in a loop of the other order, since a rigid loop takes over a part of the
+  /// vibration. True where one is clearly better: the causes that stood for it are forgotten.
+  bool part_masses();
+  [[nodiscard]] bool may_have_two_masses() const;
+  [[nodiscard]] std::vector<std::size_t> two_mass_kinds() const;
+  [[nodiscard]] std::vector<std::size_t> laws_on_load() const;
+  /// A rigid axis with its law of friction and delay, and a loop of this order; without effects
+  /// where it cannot be fitted.
+  [[nodiscard]] Hypothesis law_alone(int order);
+  /// The present model without what two masses stand for.
+  [[nodiscard]] Hypothesis without_vibration() const;
+  /// Makes it the present model. False where it is not clearly better once it is refitted.
+  bool accept_two_masses(Hypothesis two_masses);
+
+  Search& search_;
+  State now_;
+  const DiagnoseOptions& options_;
+  Model settled_;
+  std::optional<Hypothesis> undelayed_;
+  std::set<std::size_t> rejected_;
+  double baseline_ = 0.0;  // RMS before any cause [m | rad]
+  double friction_ = 0.0;  // RMS that laws of friction have removed
+  std::string last_;       // the cause added last
+  std::vector<std::string> steps_;
+};
+
+}  // namespace servotwin
