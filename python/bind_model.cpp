@@ -305,6 +305,18 @@ void bind_model(py::module_& module) {
       });
 
   module.def(
+      "why_unusable",
+      [](const Axis& axis) -> std::string {
+        if (!axis.commanded) return axis.segmented.axis + ".command has no values";
+        try {
+          require_motion(axis.segmented);
+        } catch (const std::runtime_error& error) {
+          return error.what();
+        }
+        return {};
+      },
+      "axis"_a, "Why nothing can be identified from this axis; empty: nothing is known against it.");
+  module.def(
       "identify",
       [](const Axis& axis, const std::string& method, const std::optional<std::string>& friction,
          const std::string& structure, int order, int modes, bool coupling, double delay_max_s,

@@ -15,6 +15,7 @@ which argument is out of range.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Mapping, Sequence
 
 import numpy
@@ -37,6 +38,7 @@ from ._core import (
 
 __all__ = [
     "Axis",
+    "Check",
     "Correction",
     "Diagnosis",
     "Identification",
@@ -46,6 +48,8 @@ __all__ = [
     "Prediction",
     "Recording",
     "Segment",
+    "check",
+    "compensate",
     "diagnose",
     "identify",
     "learn",
@@ -116,6 +120,27 @@ def _one_axis(axis: Axis | Recording, what: str) -> Axis:
             f'{what} takes an axis, as read("file.csv")["X"]; this is of the type {type(axis).__name__}'
         )
     return axis
+
+
+@dataclass(frozen=True)
+class Check:
+    """Whether an axis can be identified, and what was noticed when it was read."""
+
+    why_not: str  #: a sentence; empty where nothing is known against it
+    notes: list[str]  #: gaps, repeats, units that were assumed
+
+    def __bool__(self) -> bool:
+        return not self.why_not
+
+
+def check(axis: Axis | Recording) -> Check:
+    """Whether identify() and diagnose() can use this axis, before anything is fitted.
+
+    False where it rests, has no command or no encoder, or moves as no machine does (wrong unit). What
+    only a fit shows (exchanged columns, too few samples a second) is said by that fit.
+    """
+    one = _one_axis(axis, "check")
+    return Check(_core.why_unusable(one), list(one.notes))
 
 
 def identify(
@@ -224,6 +249,21 @@ def learn(
         peak=peak,
         rate=rate,
     )
+
+
+def compensate(
+    models: Model | Sequence[Model],
+    commands: Axis | Recording | Mapping[str, Any] | Any,
+    *,
+    sample_time_s: float | None = None,
+    **limits: Any,
+) -> dict[str, numpy.ndarray]:
+    """The commands by which the axes follow `commands`, by the inverse of their models, in one step.
+
+    The corrected commands [m | rad] by axis: those of learn(.., method="feedforward"), which takes the
+    same limits (bandwidth_hz, uncertainty, peak, rate) and says what the correction gains.
+    """
+    return learn(models, commands, sample_time_s=sample_time_s, method="feedforward", **limits).corrected
 
 
 def _commands(commands: Any, names: Sequence[str]) -> tuple[dict[str, Any], float | None]:

@@ -144,6 +144,7 @@ def recording(
     as_recorded: bool = False,
     source: str = "table",
 ) -> Recording: ...
+def why_unusable(axis: Axis) -> str: ...
 def identify(
     axis: Axis,
     *,

@@ -109,6 +109,9 @@ class SameDigits(AnAxis):
             self.assertEqual(correction.bandwidth_hz["X"], figures["axes"][0]["bandwidth_hz"])
             self.assertEqual(correction.contraction["X"], figures["axes"][0]["contraction"])
             self.assertEqual(len(correction.trials), len(figures["trials"]))
+            if method == "feedforward":
+                compensated = servotwin.compensate(self.found.model, self.axis)
+                numpy.testing.assert_array_equal(compensated["X"], correction.corrected["X"])
             if method == "inverse":
                 self.assertLess(correction.trials[correction.best]["rms"]["X"], 0.05 * correction.trials[0]["rms"]["X"])
 
@@ -230,6 +233,24 @@ class Arrays(AnAxis):
         recording = servotwin.recording(table, rate_hz=1000.0)
         self.assertEqual(list(recording), ["Z", "A"])
         self.assertIn("A", recording)
+
+    def test_are_checked_before_anything_is_fitted(self):
+        time = numpy.arange(0.0, 4.0, 1e-3)
+        moves = numpy.sin(time)
+        good = servotwin.recording({"time[s]": time, "X.command[mm]": moves, "X.actual[mm]": 0.99 * moves})
+        self.assertTrue(servotwin.check(good))
+        self.assertEqual(servotwin.check(good).why_not, "")
+        for command, actual, unit, said in (
+            (0.0 * moves, moves, "mm", "X.command does not move"),
+            (300.0 * moves, 299.0 * moves, "m", "is it mm?"),
+        ):
+            found = servotwin.check(
+                servotwin.recording({"time[s]": time, f"X.command[{unit}]": command, f"X.actual[{unit}]": actual})
+            )
+            self.assertFalse(found)
+            self.assertIn(said, found.why_not)
+        alone = servotwin.recording({"time[s]": time, "X.actual[mm]": moves, "X.torque[Nm]": moves})
+        self.assertIn("X.command has no values", servotwin.check(alone).why_not)
 
     def test_an_axis_without_a_command_has_none(self):
         columns = self.columns()
