@@ -315,7 +315,8 @@ void bind_model(py::module_& module) {
         }
         return {};
       },
-      "axis"_a, "Why nothing can be identified from this axis; empty: nothing is known against it.");
+      "axis"_a,
+      "Why nothing can be identified from this axis; empty: nothing is known against it.");
   module.def(
       "identify",
       [](const Axis& axis, const std::string& method, const std::optional<std::string>& friction,

@@ -99,7 +99,22 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
   return line;
 }
 
+ModelRecord without_deviations(ModelRecord record) {
+  record.numerator_deviation.fill(kAbsent);
+  record.pole_deviation = {kAbsent, kAbsent, kAbsent};
+  record.mode_deviations.clear();
+  record.effect_deviations.clear();
+  return record;
+}
+
 }  // namespace
+
+bool scatter_decides(const ModelRecord& record) noexcept {
+  // Noise is then a ninth of the squared residual and more.
+  constexpr double kMaxRmsOverFloor = 3.0;
+  return !(record.noise_floor.rms > 0.0 &&
+           record.training.rms > kMaxRmsOverFloor * record.noise_floor.rms);
+}
 
 std::string structure_text(int order, const std::vector<std::size_t>& kinds, int modes,
                            bool moving) {
@@ -136,7 +151,8 @@ std::string noise_floor_text(const RmsEstimate& floor, bool rotary) {
   return out;
 }
 
-std::vector<std::string> parameter_lines(const ModelRecord& record) {
+std::vector<std::string> parameter_lines(const ModelRecord& whole) {
+  const ModelRecord record = scatter_decides(whole) ? whole : without_deviations(whole);
   std::vector<std::string> lines;
   lines.push_back(
       "structure   " + structure_text(record.model) +

@@ -15,7 +15,11 @@ namespace servotwin::cli {
                                          int modes = 0, bool moving = false);
 [[nodiscard]] std::string structure_text(const Model& model);
 
-/// Poles, numerator and effects, one line each.
+/// Whether the scatter of the noise is most of what the values are uncertain by. Otherwise effects
+/// that the model does not have shift them further than any standard deviation says.
+[[nodiscard]] bool scatter_decides(const ModelRecord& record) noexcept;
+
+/// Poles, numerator and effects, one line each; with standard deviations where scatter_decides().
 [[nodiscard]] std::vector<std::string> parameter_lines(const ModelRecord& record);
 /// Errors on training and held-out data, noise floor and condition number, one line each.
 /// kNone for a live model: its times are those of the daemon.

@@ -108,6 +108,16 @@ Progress::~Progress() {
   thread_.join();
 }
 
+void Progress::trying(std::string_view what) {
+  const std::lock_guard lock(mutex_);
+  trying_ = what;
+}
+
+std::string Progress::now() {
+  const std::lock_guard lock(mutex_);
+  return trying_.empty() ? what_ : what_ + ", trying " + trying_;
+}
+
 bool Progress::done_within(std::chrono::milliseconds time) {
   std::unique_lock lock(mutex_);
   return done_changed_.wait_for(lock, time, [&] { return done_; });
@@ -118,7 +128,8 @@ void Progress::run_on_terminal() {
   auto waited = 2s;
   if (done_within(waited)) return;
   do {
-    std::fprintf(out_, "\r%s ... %d s", what_.c_str(), static_cast<int>(waited.count()));
+    std::fprintf(out_, "\r\x1b[K%s ... %d s", now().c_str(), static_cast<int>(waited.count()));
+    std::fflush(out_);
     waited += 1s;
   } while (!done_within(1s));
   std::fputs("\r\x1b[K", out_);  // the line is erased
@@ -126,7 +137,7 @@ void Progress::run_on_terminal() {
 
 void Progress::run_in_lines() {
   for (auto waited = period_; !done_within(period_); waited += period_)
-    put_line(out_, text("%s, %g s", what_.c_str(), 1e-3 * static_cast<double>(waited.count())));
+    put_line(out_, text("%s, %g s", now().c_str(), 1e-3 * static_cast<double>(waited.count())));
 }
 
 }  // namespace servotwin::cli

@@ -50,7 +50,7 @@ struct Column {
 
 /// During its lifetime shows what the program is doing, and for how long: on a terminal in one line
 /// that changes every second, beginning after two; in a pipe or a file in a new line per `period`,
-/// so that nobody waits before a silent log. Nothing after keep_quiet().
+/// so that nobody waits before a silent log. Nothing after keep_quiet(). trying(): any thread.
 class Progress {
  public:
   explicit Progress(std::string what, std::FILE* out = stderr,
@@ -59,13 +59,17 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
+  /// What of it is being tried now.
+  void trying(std::string_view what);
+
  private:
+  [[nodiscard]] std::string now();
   void run_on_terminal();
   void run_in_lines();
   /// Whether the work is done after at most this time.
   [[nodiscard]] bool done_within(std::chrono::milliseconds time);
 
-  std::string what_;
+  std::string what_, trying_;
   std::FILE* out_;
   std::chrono::milliseconds period_;
   std::mutex mutex_;

@@ -228,10 +228,11 @@ void run(const DiagnoseArguments& arguments) {
   }
   Diagnosis diagnosis;
   try {
-    const Progress progress("diagnosing " + axis.axis);
-    diagnosis = arguments.earlier.empty()
-                    ? diagnose(axis, arguments.options)
-                    : compare(axis, read_model(arguments.earlier), arguments.options);
+    Progress progress("diagnosing " + axis.axis);
+    DiagnoseOptions options = arguments.options;
+    options.progress = [&](std::string_view what) { progress.trying(what); };
+    diagnosis = arguments.earlier.empty() ? diagnose(axis, options)
+                                          : compare(axis, read_model(arguments.earlier), options);
   } catch (const UnusableRecording&) {
     throw;  // what is wrong with the motion is wrong for the torque
   } catch (const std::runtime_error& error) {

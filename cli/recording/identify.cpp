@@ -22,10 +22,6 @@
 namespace servotwin::cli {
 namespace {
 
-// Largest training RMS over the noise floor at which +- describes the error of the estimates. Above
-// 3, noise is less than a ninth of the squared residual: unmodelled effects dominate.
-constexpr double kMaxRmsOverFloorForDeviations = 3.0;
-
 struct IdentifyArguments {
   AxisOptions input;
   std::filesystem::path model, result, plot;
@@ -94,7 +90,8 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
   if (!record.excitation.empty())
     return "good for motion like this: " + share +
            "; other motion may be predicted worse, since not all of the model was excited";
-  if (record.noise_floor.rms > 0.0 && left > kMaxRmsOverFloorForDeviations * record.noise_floor.rms)
+  constexpr double kMuchOverFloor = 3.0;  // noise is less than a ninth of the squared residual
+  if (record.noise_floor.rms > 0.0 && left > kMuchOverFloor * record.noise_floor.rms)
     return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
   return "good: " + share + ", little more than the noise";
 }
@@ -130,11 +127,12 @@ void say_result(std::FILE* people, const Identified& identified,
                       "friction level are below half of their values");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
-  if (record.method != "full-ls" && record.noise_floor.rms > 0.0 &&
-      record.training.rms > kMaxRmsOverFloorForDeviations * record.noise_floor.rms) {
-    say(people, text("note        the residual is %.0f times the noise floor: +- covers random "
-                     "scatter only; unmodelled effects bias the estimates",
-                     record.training.rms / record.noise_floor.rms));
+  if (record.method != "full-ls" && !scatter_decides(record)) {
+    say(people,
+        text("note        the residual is %.0f times the noise floor: effects that the model "
+             "does not have shift its values further than noise, and no standard deviation "
+             "is given",
+             record.training.rms / record.noise_floor.rms));
   }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
   say(people, "verdict     " + verdict_text(identified, segments));

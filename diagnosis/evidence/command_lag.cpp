@@ -26,21 +26,18 @@ CommandLag command_lag(std::span<const Segment> segments) {
   return out;
 }
 
-std::string lag_text(const CommandLag& lag, bool rotary) {
+std::string lag_text(const CommandLag& lag, const std::string& axis, bool rotary) {
   if (!std::isfinite(lag.tracking_rms)) return {};
-  // Shares of the squared error: from the first on a lag is worth naming, from the second on it is
-  // what the owner sees, and nothing else.
-  constexpr double kNamedShare = 0.5, kWholeShare = 0.9;
-  std::string out =
-      "The tracking error itself is " + micro_text(lag.tracking_rms, rotary, 3) + " RMS";
+  constexpr double kNamedShare = 0.5;  // of the squared error: the majority
+  std::string out = "The tracking error of axis " + axis + " is " +
+                    micro_text(lag.tracking_rms, rotary, 3) + " RMS";
   if (!(lag.share >= kNamedShare && lag.time_s > 0.0)) return out + ".";
   out += text("; %.*f %% of its square is a lag of %.3g ms behind the command",
               lag.share > 0.99 ? 1 : 0, std::min(100.0 * lag.share, 99.9), 1e3 * lag.time_s);
-  return lag.share >= kWholeShare
-             ? out +
-                   ", as in a drive without velocity feed-forward: this is no fault, and "
-                   "feed-forward or a corrected command removes it."
-             : out + ".";
+  return lag.is_all() ? out +
+                            ", as in a drive without velocity feed-forward: this is no fault, and "
+                            "feed-forward or a corrected command removes it."
+                      : out + ".";
 }
 
 }  // namespace servotwin

@@ -17,12 +17,18 @@ struct CommandLag {
   double tracking_rms = kAbsent;  ///< of command - actual [m | rad]; NaN: not known
   double time_s = kAbsent;        ///< T; negative: ahead of the command
   double share = 0.0;             ///< of the squared tracking error, 0 .. 1
+
+  /// Whether it is what the owner sees, and nothing else.
+  [[nodiscard]] bool is_all() const noexcept { return share >= kWholeShare && time_s > 0.0; }
+
+ private:
+  static constexpr double kWholeShare = 0.9;
 };
 
 /// Samples before `lead` of a segment do not count.
 [[nodiscard]] CommandLag command_lag(std::span<const Segment> segments);
 
 /// One sentence for people; empty if nothing is known.
-[[nodiscard]] std::string lag_text(const CommandLag& lag, bool rotary);
+[[nodiscard]] std::string lag_text(const CommandLag& lag, const std::string& axis, bool rotary);
 
 }  // namespace servotwin

@@ -1,5 +1,5 @@
 // A diagnosis in a few sentences for people: the verdict with what to check first, and what the
-// tracking error itself consists of. Any thread.
+// tracking error consists of, the larger part first. Any thread.
 #pragma once
 
 #include <optional>

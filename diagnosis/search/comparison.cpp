@@ -190,8 +190,7 @@ class ChangeSelection {
 
   void run() {
     for (std::size_t round = 0; round < kMaxChanges; ++round) {
-      if (options_.stop.stop_requested())
-        throw std::runtime_error("stopped before it was finished");
+      options_.begin("what has changed");
       std::vector<TriedChange> tried = tried_changes();
       if (tried.empty()) return;
       TriedChange chosen = chosen_of(tried);

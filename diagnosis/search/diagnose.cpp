@@ -331,6 +331,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const NoiseFloor floor = noise_floor(recorded.segments);
   DroppedSamples dropped;
   if (!options.leaves_out("dropped_samples")) dropped = bridge_dropped(axis, floor.encoder_step);
+  options.begin("the loop and its friction");
   out.baseline = identified_baseline(axis, options);
   Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor,
                 axis.rotary);
@@ -375,6 +376,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     if (const std::string id = cause_of(effect.kind); !id.empty() && causes.count(id) == 0)
       causes[id].kind = effect.kind;
   }
+  options.begin("the model without each cause");
   const GainOfCauses gain(out.baseline.model, extended, selected, search, holdout);
   for (const auto& [id, one] : causes) {
     if (extended.find(one.kind) != nullptr) out.causes.push_back(gain.of(id, one));
@@ -480,6 +482,11 @@ Diagnosis diagnose_repeatedly(const SegmentedAxis& axis, const DiagnoseOptions& 
 }
 
 }  // namespace
+
+void DiagnoseOptions::begin(std::string_view what) const {
+  if (stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
+  if (progress) progress(what);
+}
 
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   const TorqueLimit limit = torque_limit(axis.segments);

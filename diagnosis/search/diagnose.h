@@ -15,6 +15,7 @@
 #pragma once
 
 #include <algorithm>
+#include <functional>
 #include <stop_token>
 #include <string>
 #include <string_view>
@@ -116,6 +117,11 @@ struct DiagnoseOptions {
   /// contain a part of the error. False: the division is by time alone.
   bool balance = true;
   std::stop_token stop;  ///< asks a running diagnosis to stop: it throws before its next fit
+  /// Is told what is tried next ("cogging"), before every fit, and by several threads at once.
+  std::function<void(std::string_view)> progress;
+
+  /// Before a fit: tells, and throws std::runtime_error where the diagnosis was asked to stop.
+  void begin(std::string_view what) const;
 };
 
 /// The diagnosis of an axis. Moments in which a recorded torque is at the limit of the motor are

@@ -64,12 +64,8 @@ void Selector::add_causes() {
   }
 }
 
-void Selector::check_stop() const {
-  if (options_.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
-}
-
 void Selector::settle() {
-  check_stop();
+  options_.begin("the present model again");
   search_.polish(now_.current);
   search_.follow(now_.current);
   now_.as_is = now_.current;

@@ -31,7 +31,7 @@ void Selector::one_law_of_friction() {
   Hypothesis best = now_.current;
   std::size_t law = kEffectKinds;
   for (const std::size_t kind : {kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
-    check_stop();
+    options_.begin(identity_of(kind).id);
     Hypothesis h;
     h.structure = now_.current.structure;
     auto& effects = h.structure.effects;
@@ -61,7 +61,7 @@ bool Selector::free_law() {
       !(now_.current.rms() > kMinRmsOverFloorForFreeLaw * search_.floor().rms))
     return false;
   if (options_.leaves_out("stribeck")) return false;  // the law also falls with speed
-  check_stop();
+  options_.begin(identity_of(kind_of<Gms>()).id);
   Hypothesis h;
   h.structure = now_.current.structure;
   auto& effects = h.structure.effects;
@@ -109,7 +109,7 @@ bool Selector::law_beside_rests() {
               h.point.shapes.end() - static_cast<std::ptrdiff_t>(screened.shapes.size()));
     all.push_back(std::move(h));
   }
-  check_stop();
+  options_.begin("friction that grows at rest");
   std::vector<char> fits(all.size());
   in_parallel(all.size(), [&](std::size_t i) {
     fits[i] = search_.fit_friction(all[i], Point(all[i].point));
@@ -154,7 +154,7 @@ void Selector::replace_misfit_by_law() {
          {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
       const bool falls = law != kind_of<Presliding>();
       if (options_.leaves_out("presliding") || (falls && options_.leaves_out("stribeck"))) continue;
-      check_stop();
+      options_.begin(identity_of(law).id);
       Hypothesis h;
       h.structure = without(now_.current.structure, id, one.kind);
       auto& effects = h.structure.effects;

@@ -48,7 +48,7 @@ bool Selector::part_masses() {
   const Hypothesis& without = now_.current;
   double least = std::numeric_limits<double>::infinity();
   const auto take = [&](const Hypothesis& rigid) {
-    check_stop();
+    options_.begin("two masses");
     Hypothesis h;
     if (rigid.structure.effects.empty() ||
         !search_.part_masses(h, rigid, now_.current.model, kinds, laws, left))

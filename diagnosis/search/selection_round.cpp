@@ -113,7 +113,6 @@ Selector::Fitted Selector::fitted(const std::vector<Screened>& promising) {
   std::vector<Candidate> candidates;
   for (std::size_t at = 0; at < promising.size(); ++at) {
     if (tried.size() == kMaxFitsPerRound) break;
-    check_stop();
     if (at == candidates.size()) fit_some(promising, kMaxFitsPerRound - tried.size(), candidates);
     const Screened& s = promising[at];
     auto& [h, beside, fits, varies] = candidates[at];
@@ -137,7 +136,7 @@ Selector::Fitted Selector::fitted(const std::vector<Screened>& promising) {
 
 void Selector::judge_again(std::vector<Tried>& doubted, std::vector<Tried>& tried) {
   for (Tried& one : doubted) {
-    check_stop();
+    options_.begin(identity_of(one.screened.kind).id);
     search_.polish(one.model);
     search_.judge_as_is(one.model);
     if (one.left() > kMaxErrorRatioOfLargeGain) continue;
@@ -156,8 +155,8 @@ void Selector::fit_some(const std::vector<Screened>& promising, std::size_t coun
   const std::size_t first = candidates.size();
   candidates.resize(std::min(first + count, promising.size()));
   in_parallel(candidates.size() - first, [&](std::size_t i) {
-    check_stop();
     const Screened& s = promising[first + i];
+    options_.begin(identity_of(s.kind).id);
     auto& [h, beside, fits, varies] = candidates[first + i];
     h.structure = beside.structure = extended_by(now_.current.structure, s.kind);
     const Point from = start_of(h.structure, s);
@@ -173,7 +172,7 @@ void Selector::polish_rivals(std::vector<Tried>& tried) {
       is_intermittent(tried[0].screened.kind) && is_intermittent(tried[1].screened.kind);
   if (!moments && 1.0 - tried[1].left() < kMinGainShareOfRival * (1.0 - tried[0].left())) return;
   for (std::size_t i = 0; i < 2; ++i) {
-    check_stop();
+    options_.begin(identity_of(tried[i].screened.kind).id);
     Tried best{tried[i].model, &now_.fitted, tried[i].screened};
     if (const auto moment = moment_of(tried[1 - i].model, tried[1 - i].screened.kind);
         moment && moment_of(best.model, best.screened.kind)) {

@@ -53,8 +53,6 @@ class Selector {
   void add_causes();
   /// An error as the steps show it.
   [[nodiscard]] std::string size_of(double rms) const { return micro_text(rms, search_.rotary()); }
-  /// Throws where the diagnosis was asked to stop.
-  void check_stop() const;
   /// Refits the present structure as well as possible, before candidates are added to it.
   void settle();
   /// The cause that the present model has and that one had not.

@@ -24,8 +24,8 @@ std::string progress_in_a_file(const std::string& file, std::chrono::millisecond
                                const Work& work) {
   std::FILE* out = std::fopen(file.c_str(), "w");
   {
-    const cli::Progress progress("fitting", out, period);
-    work();
+    cli::Progress progress("fitting", out, period);
+    work(progress);
   }
   std::fclose(out);
   return content_of(file);
@@ -34,18 +34,23 @@ std::string progress_in_a_file(const std::string& file, std::chrono::millisecond
 TEST(Progress, InAFileIsALinePerPeriod) {
   const Folder folder;
   const std::string file = folder / "log";
-  const std::string said = progress_in_a_file(file, std::chrono::milliseconds(250), [&] {
-    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
-    while (content_of(file).find("0.5 s") == std::string::npos &&
-           std::chrono::steady_clock::now() < until)
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  });
-  EXPECT_TRUE(said.starts_with("fitting, 0.25 s\nfitting, 0.5 s\n")) << said;
+  const std::string said =
+      progress_in_a_file(file, std::chrono::milliseconds(250), [&](auto& progress) {
+        const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        const auto waiting_for = [&](const char* line) {
+          return content_of(file).find(line) == std::string::npos &&
+                 std::chrono::steady_clock::now() < until;
+        };
+        while (waiting_for("0.25 s")) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        progress.trying("cogging");
+        while (waiting_for("0.5 s")) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      });
+  EXPECT_TRUE(said.starts_with("fitting, 0.25 s\nfitting, trying cogging, 0.5 s\n")) << said;
 }
 
 TEST(Progress, IsSilentAboutShortWork) {
   const Folder folder;
-  EXPECT_EQ(progress_in_a_file(folder / "log", std::chrono::hours(1), [] {}), "");
+  EXPECT_EQ(progress_in_a_file(folder / "log", std::chrono::hours(1), [](auto&) {}), "");
 }
 
 class Quiet : public testing::Test {

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "diagnosis/report/diagnosis_file.h"
 #include "diagnosis/report/report.h"
@@ -23,6 +25,7 @@ using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::IsSupersetOf;
 using testing::Not;
 
 std::vector<std::string> ids(const Diagnosis& diagnosis) {
@@ -92,7 +95,16 @@ TEST(Diagnosis, ThatIsStoppedIsGivenUp) {
 TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   const SegmentedAxis axis = segment_axis(
       read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
-  const Diagnosis diagnosis = diagnose(axis);
+  std::mutex mutex;
+  std::set<std::string> tried;
+  DiagnoseOptions options;
+  options.progress = [&](std::string_view what) {
+    const std::lock_guard lock(mutex);
+    tried.emplace(what);
+  };
+  const Diagnosis diagnosis = diagnose(axis, options);
+  EXPECT_THAT(tried, IsSupersetOf({"the loop and its friction", "presliding", "backlash",
+                                   "the model without each cause"}));
   EXPECT_THAT(ids(diagnosis), ElementsAre("presliding"));
   EXPECT_EQ(diagnosis.verdict, Verdict::kExplained);
   EXPECT_LT(diagnosis.extended.holdout.rms, 0.07e-6);  // of an encoder of 0.1 um
