@@ -20,7 +20,7 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kPatience_s = 0.2;  // longest delay of an interrupt
+constexpr double kLongestWait_s = 0.2;  // longest delay of an interrupt
 
 struct ReplayArguments {
   RecordingOptions recording;
@@ -104,7 +104,7 @@ void run(const ReplayArguments& arguments) {
     MachineFrame frame;
     daemon::Received received = daemon::Received::kNothing;
     while (!interrupt.came() &&
-           (received = machine.receive(frame, kPatience_s)) != daemon::Received::kEnd) {
+           (received = machine.receive(frame, kLongestWait_s)) != daemon::Received::kEnd) {
       if (received == daemon::Received::kNothing) continue;
       if (frames.write(frame)) ++sent;
       if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / arguments.speed) ++late;

@@ -63,10 +63,6 @@ std::int64_t FrameJoin::steady_of(std::size_t stream, std::int64_t stamp_ns) con
                                 : lines_[stream].steady_ns(stamp_ns);
 }
 
-bool FrameJoin::clocks_known() const noexcept {
-  return (by_wall_clock_[0] || lines_[0].settled()) && (by_wall_clock_[1] || lines_[1].settled());
-}
-
 bool FrameJoin::between(std::int64_t moment_ns, Between& out) const noexcept {
   const auto time = [&](std::size_t i) { return steady_of(1, back(i).stamp_ns); };
   for (std::size_t i = 0; i + 1 < sample_count_; ++i) {

@@ -57,6 +57,10 @@ class FrameJoin {
   /// The moment of the last cycle that was taken, steady clock.
   [[nodiscard]] std::int64_t moment_ns() const noexcept { return moment_ns_; }
   [[nodiscard]] const ClockDifference& clocks() const noexcept { return clocks_; }
+  /// Whether it is known what the clock of a stream shows.
+  [[nodiscard]] bool clock_known(std::size_t stream) const noexcept {
+    return by_wall_clock_[stream] || lines_[stream].settled();
+  }
 
  private:
   struct Waiting {
@@ -71,7 +75,7 @@ class FrameJoin {
   };
 
   [[nodiscard]] std::int64_t steady_of(std::size_t stream, std::int64_t stamp_ns) const noexcept;
-  [[nodiscard]] bool clocks_known() const noexcept;
+  [[nodiscard]] bool clocks_known() const noexcept { return clock_known(0) && clock_known(1); }
   [[nodiscard]] const Sample& back(std::size_t before) const noexcept;
   [[nodiscard]] bool between(std::int64_t moment_ns, Between& out) const noexcept;
   void join(const MachineFrame& first, std::int64_t moment_ns, MachineFrame& frame) noexcept;

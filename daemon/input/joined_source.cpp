@@ -60,6 +60,8 @@ void JoinedSource::read_clocks() noexcept {
 void JoinedSource::publish_clocks() noexcept {
   const ClockDifference& now = join_.clocks();
   settled_.store(now.settled, std::memory_order_relaxed);
+  for (std::size_t stream = 0; stream < known_.size(); ++stream)
+    known_[stream].store(join_.clock_known(stream), std::memory_order_relaxed);
   ahead_s_.store(now.ahead_s, std::memory_order_relaxed);
   drift_.store(now.drift, std::memory_order_relaxed);
   absent_.store(now.absent, std::memory_order_relaxed);
@@ -122,8 +124,14 @@ std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
              " is taken at the time of each cycle",
          true});
   } else if (!now.settled && reported_settled_) {
-    lines.push_back({"the clock of " + first + " or " + second + " was set: nothing from " +
-                     second + " is used until both are known again"});
+    std::string which;
+    for (std::size_t stream = 0; stream < known_.size(); ++stream) {
+      if (!known_[stream].load(std::memory_order_relaxed))
+        which += (which.empty() ? "" : " and that of ") + parts_[stream].name;
+    }
+    // It may be known again already.
+    lines.push_back({"the clock of " + (which.empty() ? first + " or " + second : which) +
+                     " was set: nothing from " + second + " is used until it is known again"});
   }
   reported_settled_ = now.settled;
   if (now.settled || state(now_ns).silent) {

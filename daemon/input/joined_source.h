@@ -51,6 +51,7 @@ class JoinedSource final : public FrameSource {
 
   // For state(), each for itself: figures for people.
   std::atomic<bool> settled_{false};
+  std::array<std::atomic<bool>, 2> known_{};
   std::atomic<double> ahead_s_{0.0}, drift_{0.0};
   std::atomic<std::uint64_t> absent_{0}, malformed_{0};
   // Of news().

@@ -11,7 +11,10 @@ namespace servotwin {
 namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
+constexpr double kDecibels = 20.0 / std::numbers::ln10;  // per natural logarithm
 constexpr double kGap = std::numeric_limits<double>::quiet_NaN();
+
+double decibels(const std::complex<double>& value) { return kDecibels * std::log(std::abs(value)); }
 
 /// The phases [degrees] unwrapped, the first one as close to `near` as possible; gaps stay gaps.
 std::vector<double> unwrapped(const std::vector<std::complex<double>>& values, double near) {
@@ -41,7 +44,7 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
                                    const std::string& output,
                                    const std::vector<ModelledResponse>& models) {
   const std::string x_label = "frequency [Hz]";
-  PlotPanel magnitude{inputs.front() + " to " + output, x_label, "magnitude", true, {}, {}, true};
+  PlotPanel magnitude{inputs.front() + " to " + output, x_label, "magnitude [dB]", true, {}};
   PlotPanel phase{"phase", x_label, "phase [degrees]", true, {}};
   PlotPanel coherence{"coherence", x_label, "coherence", true, {}};
   std::vector<PlotSeries> sizes, angles;  // of the models, drawn after the measured ones
@@ -63,10 +66,10 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
       for (const Eigen::Index i : places) {
         const auto k = static_cast<std::size_t>(i);
         shown[k] = channel.response(i);
-        size.error[k] = kOf95 * channel.deviation(i);
+        size.error[k] = kOf95 * kDecibels * channel.deviation(i) / std::abs(shown[k]);
         angle.error[k] = kOf95 * kDegrees * channel.deviation(i) / std::abs(shown[k]);
       }
-      for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
+      for (const std::complex<double> g : shown) size.y.push_back(decibels(g));
       angle.y = unwrapped(shown, 0.0);
       if (c < models.size() && !models[c].frequency_hz.empty())
         near = value_from(models[c].frequency_hz.front(), angle);
@@ -78,7 +81,7 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
     if (c >= models.size() || models[c].frequency_hz.empty()) continue;
     const ModelledResponse& model = models[c];
     sizes.push_back({model.name, model.frequency_hz, {}, true, colour, {}, several});
-    for (const std::complex<double> g : model.response) sizes.back().y.push_back(std::abs(g));
+    for (const std::complex<double> g : model.response) sizes.back().y.push_back(decibels(g));
     angles.push_back(
         {"", model.frequency_hz, unwrapped(model.response, near), true, colour, {}, several});
   }

@@ -36,7 +36,7 @@ constexpr std::array<std::string_view, 23> kRole{
     "istwert",   "ist",     "encoder", "enc",      "feedback",  "measured", "meas"};
 /// What a torque is said to be of, beside the axis.
 constexpr std::array<std::string_view, 5> kOfMotor{"motor", "drive", "antrieb", "dreh", "value"};
-constexpr std::array<std::string_view, 5> kPosition{"position", "pos", "lage", "value", "wert"};
+constexpr std::array<std::string_view, 5> kOfPosition{"position", "pos", "lage", "value", "wert"};
 
 bool has(std::string_view name, std::string_view part) {
   return name.find(part) != std::string_view::npos;
@@ -101,7 +101,7 @@ std::vector<Column> columns_with(std::span<const std::string> names, Parts parts
     if (torque) cut_first(kTorque, lower, column.axis);
     cut_first(kRole, lower, column.axis);
     column.common = without_blanks(lower);
-    cut_first(torque ? Parts(kOfMotor) : Parts(kPosition), lower, column.axis);
+    cut_first(torque ? Parts(kOfMotor) : Parts(kOfPosition), lower, column.axis);
     column.axis = without_blanks(column.axis);
     out.push_back(std::move(column));
   }

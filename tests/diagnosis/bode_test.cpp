@@ -35,8 +35,11 @@ TEST(Bode, ThePhaseHasNoJumpsAndTheModelLiesOnIt) {
   const PlotSeries& phase = panels[1].series[0];
   EXPECT_NEAR(phase.y[398], -360.0 * 0.04 * 399.0, 15.0);
   EXPECT_NEAR(panels[1].series[1].y[10], phase.y[209], 1.0);
-  // The band: 1.96 standard deviations.
-  EXPECT_DOUBLE_EQ(panels[0].series[0].error[50], 1.96 * measured.channels[0].deviation(50));
+  // Decibels, and a band of 1.96 standard deviations: 10 % are 0.87 dB.
+  const double size = std::abs(measured.channels[0].response(50));
+  EXPECT_NEAR(panels[0].series[0].y[50], 20.0 * std::log10(size), 1e-9);
+  EXPECT_NEAR(panels[0].series[0].error[50],
+              8.685889638 * 1.96 * measured.channels[0].deviation(50) / size, 1e-6);
 }
 
 TEST(Bode, OfSeveralInputsEveryModelHasTheColourOfItsInput) {
