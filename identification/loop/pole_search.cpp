@@ -6,11 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <sstream>
 
 #include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
+#include "identification/least_squares/parallel.h"
 #include "identification/recording/motion_range.h"
 #include "twin/linear_algebra.h"
 #include "twin/two_pi.h"
@@ -427,9 +429,12 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
     if (fresh) seeds.push_back(candidate);
   }
   for (const Point& point : options.from) seeds.push_back({point, 0.0});
-  for (const Candidate& seed : seeds) {
-    refined.push_back(refine(coarse, Chart::kStable, seed, bounds, ranking, 40, fit.evaluations));
-  }
+  refined.resize(seeds.size());
+  std::vector<int> evaluations(seeds.size());
+  in_parallel(seeds.size(), [&](std::size_t i) {
+    refined[i] = refine(coarse, Chart::kStable, seeds[i], bounds, ranking, 40, evaluations[i]);
+  });
+  fit.evaluations = std::accumulate(evaluations.begin(), evaluations.end(), fit.evaluations);
   if (refined.empty()) return std::nullopt;
   std::sort(refined.begin(), refined.end(),
             [](const auto& l, const auto& r) { return l.cost < r.cost; });
