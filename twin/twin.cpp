@@ -382,7 +382,8 @@ S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
 }
 
 template <class S>
-S TwinOf<S>::follow(double command) noexcept requires(!is_dual<S>) {
+S TwinOf<S>::follow(double command, const std::array<double, 4>& neighbour) noexcept
+    requires(!is_dual<S>) {
   // Clang 14 instantiates members whose constraints do not hold, with the class.
   if constexpr (is_dual<S>) {
     return S(command);
@@ -422,6 +423,8 @@ S TwinOf<S>::follow(double command) noexcept requires(!is_dual<S>) {
     piece.end_position = x[0];
     piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
     piece.end_acceleration = piece.acceleration + h * piece.jerk;
+    const auto& [n0, n1, n2, n3] = neighbour;
+    piece.neighbour_acceleration = (2 * n0 - 5 * n1 + 4 * n2 - n3) / (h * h);  // of their cubic
     return step(piece) + (command - x[0]);
   }
 }

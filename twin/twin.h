@@ -113,8 +113,10 @@ class TwinOf {
   /// rad].
   S step(const CommandPieceOf<S>& piece) noexcept;
   /// One cycle from samples alone; the cubic passes through the last four (delayed) commands.
-  /// Returns the tracking error [m | rad].
-  S follow(double command) noexcept requires(!is_dual<S>);
+  /// `neighbour`: the last four commands of the axis that acts on this one, the newest first; all
+  /// alike where there is none. Returns the tracking error [m | rad].
+  S follow(double command, const std::array<double, 4>& neighbour = {}) noexcept
+      requires(!is_dual<S>);
   /// The tracking errors of the next cycles; this twin does not change. errors.size() >=
   /// commands.size().
   void predict(std::span<const double> commands, std::span<double> errors) const noexcept

@@ -198,11 +198,12 @@ std::string axis_of(const Recording& whole, const std::string& given) {
                            "; choose one with --axis");
 }
 
-SegmentedAxis segmented(const Recording& whole, const std::string& axis, std::FILE* people) {
+SegmentedAxis segmented(const Recording& whole, const std::string& axis, std::FILE* people,
+                        const std::string& neighbour) {
   std::string axes;
   for (const AxisRecord& one : whole.axes) axes += (axes.empty() ? "" : ", ") + one.name;
   say(people, "read " + whole.source + ": " + (whole.axes.size() == 1 ? "axis " : "axes ") + axes);
-  SegmentedAxis segmented = segment_axis(whole, axis);
+  SegmentedAxis segmented = segment_axis(whole, axis, {}, neighbour);
   for (const std::string& line : segmented.report.lines()) say(people, line);
   if (const std::string late = remark_on_time(segmented.segments); !late.empty())
     say(people, "note: " + axis + ".actual " + late);

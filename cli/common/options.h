@@ -49,9 +49,10 @@ struct RecordingOptions {
 /// The axis that is meant, as the recording spells it: the given one, or its only one. Throws if
 /// none is given and it has several.
 [[nodiscard]] std::string axis_of(const Recording& whole, const std::string& given);
-/// An axis of a recording, cut into segments; prints on `people` what was read.
+/// An axis of a recording, cut into segments, with the command of its neighbour beside it
+/// (segment_axis); prints on `people` what was read.
 [[nodiscard]] SegmentedAxis segmented(const Recording& whole, const std::string& axis,
-                                      std::FILE* people);
+                                      std::FILE* people, const std::string& neighbour = {});
 
 /// REC and --axis, which may be left out where the recording has one axis.
 struct AxisOptions {

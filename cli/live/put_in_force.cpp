@@ -142,9 +142,15 @@ RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
   RecordedMotion out;
   for (const fs::path& file : files) {
     if (out.moved_s >= needed_s) break;
-    const SegmentedAxis part = segment_axis(read_recording(file, {}), axis);
-    if (const std::string why = daemon::why_not_for(record, part.rotary, part.sample_time_s);
-        !why.empty())
+    const Recording recording = read_recording(file, {});
+    const SegmentedAxis part = segment_axis(recording, axis, {}, record.neighbour);
+    MachineDescription machine{part.sample_time_s, {}};
+    for (const AxisRecord& one : recording.axes)
+      machine.axes.push_back({one.name, one.rotary, one.torque_unit});
+    const auto at = std::find_if(machine.axes.begin(), machine.axes.end(),
+                                 [&](const AxisDescription& one) { return one.name == axis; });
+    const auto place = static_cast<std::size_t>(at - machine.axes.begin());
+    if (const std::string why = daemon::why_not_for(record, machine, place); !why.empty())
       throw std::runtime_error("not in force: the model " + why);
     for (const Segment& segment : part.segments) {
       if (segment.actual.size() == 0) continue;
@@ -181,8 +187,11 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record) {
                              " has no axis " + in_quotes(axis) + "; it has " + listed(axes) +
                              " (--axis)");
   if (!first) {
-    const std::string why =
-        daemon::why_not_for(record, held->record.rotary, held->record.model.sample_time_s);
+    // Whether there is the axis that acts on this one, the recordings tell.
+    const MachineDescription machine_of_held{
+        held->record.model.sample_time_s,
+        {{axis, held->record.rotary, ""}, {record.neighbour, false, ""}}};
+    const std::string why = daemon::why_not_for(record, machine_of_held, 0);
     if (!why.empty()) throw std::runtime_error("not in force: the model " + why);
   }
   daemon::Decision decision{daemon::Ruling::kPromoted, daemon::kUnjudged};

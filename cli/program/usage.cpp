@@ -42,7 +42,7 @@ bool has_file_ending(const std::string& value) {
                      [](unsigned char c) { return std::islower(c) != 0; });
 }
 
-ValueKind kind_of(const Argument& argument, bool positional) {
+ValueKind value_kind_of(const Argument& argument, bool positional) {
   if (argument.value.empty() && !positional) return ValueKind::kNone;
   if (!argument.choices.empty()) return ValueKind::kChoice;
   if (argument.value == "DIR") return ValueKind::kDirectory;
@@ -87,7 +87,7 @@ Argument argument_of(CLI::Option& option, const std::vector<std::string>& comman
   argument.repeats =
       argument.many_values || option.get_multi_option_policy() == CLI::MultiOptionPolicy::TakeAll;
   argument.required = option.get_required();
-  argument.kind = kind_of(argument, positional);
+  argument.kind = value_kind_of(argument, positional);
   return argument;
 }
 

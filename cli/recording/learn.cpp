@@ -82,7 +82,7 @@ MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
   return reach;
 }
 
-CorrectedAxis axis_of(const LearnArguments& arguments, CommandedAxis commanded) {
+CorrectedAxis corrected_axis(const LearnArguments& arguments, CommandedAxis commanded) {
   CorrectionWish wish;
   wish.law = kMethods.at(arguments.method);
   wish.feedforward_only = arguments.method == "feedforward";
@@ -228,7 +228,7 @@ void run(const LearnArguments& arguments) {
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
     const MotionReach reach = look_at_motion(arguments.commands.path.file.string(), axis, people);
-    correction.axes.push_back(axis_of(arguments, std::move(axis)));
+    correction.axes.push_back(corrected_axis(arguments, std::move(axis)));
     correction.axes.back().beyond_model = reach.beyond();
   }
   std::vector<LearnAxis> axes;

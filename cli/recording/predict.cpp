@@ -222,10 +222,18 @@ void require_order(const PredictArguments& arguments) {
 PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording& recording,
                              std::size_t at, std::FILE* people) {
   PredictedAxis out;
-  out.axis = segmented(recording, arguments.axes[at], people);
-  const SegmentedAxis& axis = out.axis;
-  out.record = read_model_for(arguments.models[at], axis.axis, axis.rotary);
+  const bool rotary = std::any_of(
+      recording.axes.begin(), recording.axes.end(),
+      [&](const AxisRecord& one) { return one.name == arguments.axes[at] && one.rotary; });
+  out.record = read_model_for(arguments.models[at], arguments.axes[at], rotary);
   const ModelRecord& record = out.record;
+  const bool coupled = record.model.find(kind_of<CrossCoupling>()) != nullptr;
+  out.axis = segmented(recording, arguments.axes[at], people, coupled ? record.neighbour : "");
+  const SegmentedAxis& axis = out.axis;
+  if (coupled && axis.neighbour.empty())
+    say(people, "note: the model contains the acceleration of " +
+                    (record.neighbour.empty() ? "another axis" : "axis " + record.neighbour) +
+                    ", which the recording does not: its part of the error is missing");
   if (axis.segments.front().actual.size() == 0) {
     throw std::runtime_error(
         axis.source + ": " + axis.axis +

@@ -278,6 +278,7 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.one_of("friction", frictions, friction);
   if (!friction.empty()) options.friction = kind_of(friction);
   section.integer("modes", 0, static_cast<int>(kMaxModes), options.modes);
+  section.flag("coupling", options.coupling);
   section.one_of("structure", {"rigid", "two-mass", "auto"}, structure);
   options.masses = structure == "two-mass" ? Masses::kTwo
                    : structure == "auto"   ? Masses::kChosen

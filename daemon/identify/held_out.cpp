@@ -55,7 +55,19 @@ ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate
   return figures_of(left);
 }
 
-std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s) {
+int neighbour_in(const MachineDescription& machine, std::size_t axis, const ModelRecord& record) {
+  if (record.model.find(kind_of<CrossCoupling>()) == nullptr) return -1;
+  for (std::size_t other = 0; other < machine.axes.size(); ++other) {
+    if (other != axis && (record.neighbour.empty() || machine.axes[other].name == record.neighbour))
+      return static_cast<int>(other);
+  }
+  return -1;
+}
+
+std::string why_not_for(const ModelRecord& record, const MachineDescription& machine,
+                        std::size_t axis) {
+  const bool rotary = machine.axes[axis].rotary;
+  const double cycle_s = machine.cycle_s;
   if (record.rotary != rotary) {
     return rotary ? "is for a linear axis, this one is rotary"
                   : "is for a rotary axis, this one is linear";
@@ -69,6 +81,11 @@ std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s) 
       return "contains " + std::string(identity_of(effect.kind).id) +
              ", which is of its recording and predicts no other motion";
   }
+  if (record.model.find(kind_of<CrossCoupling>()) != nullptr &&
+      neighbour_in(machine, axis, record) < 0)
+    return "needs the command of " +
+           (record.neighbour.empty() ? "another axis" : "axis '" + record.neighbour + "'") +
+           ", which the machine does not have";
   return {};
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "daemon/identify/promotion.h"
+#include "drivers/common/messages.h"
 #include "identification/model/model_file.h"
 #include "twin/model.h"
 #include "twin/sample.h"
@@ -21,9 +22,15 @@ namespace servotwin::daemon {
 [[nodiscard]] ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate,
                                     const Model* in_force, Candidacy& candidacy);
 
-/// Why a model cannot be used for an axis of a machine with this cycle, "is for ..."; empty: it
-/// can. An effect that belongs to the time or the work of its recording predicts no other motion.
-[[nodiscard]] std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s);
+/// Why a model cannot be used for this axis of the machine, "is for ..."; empty: it can. An effect
+/// that belongs to the time or the work of its recording predicts no other motion.
+[[nodiscard]] std::string why_not_for(const ModelRecord& record, const MachineDescription& machine,
+                                      std::size_t axis);
+
+/// The axis of the machine whose acceleration acts on this one in the model: the one that it names,
+/// else the first other one; -1: none.
+[[nodiscard]] int neighbour_in(const MachineDescription& machine, std::size_t axis,
+                               const ModelRecord& record);
 
 /// Text from elsewhere for a reason: printable ASCII, of a length that a line can hold.
 [[nodiscard]] std::string printable(const std::string& text);

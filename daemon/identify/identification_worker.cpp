@@ -101,7 +101,8 @@ void IdentificationWorker::restore() {
     if (found == axes_.end()) {
       events_.note("model_unused", model.record.axis,
                    version + " is in the store, but the machine has no such axis");
-    } else if (const std::string why = why_not_for(model.record, found->rotary, machine_.cycle_s);
+    } else if (const std::string why = why_not_for(model.record, machine_,
+                                                   static_cast<std::size_t>(found - axes_.begin()));
                !why.empty()) {
       events_.note("model_unused", model.record.axis, version + " " + why);
     } else {
@@ -172,7 +173,7 @@ void IdentificationWorker::propose(const ModelProposal& given) {
     return;
   }
   record.axis = axis->name;
-  if (const std::string why = why_not_for(record, axis->rotary, machine_.cycle_s); !why.empty()) {
+  if (const std::string why = why_not_for(record, machine_, at); !why.empty()) {
     refuse("it " + why);
     return;
   }
@@ -248,7 +249,7 @@ SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   const double before_s = std::exchange(state.sorted_s, until_s);
   SegmentedAxis motion =
-      segment_axis(memory_.copy(axis, until_s - config_.memory_s, until_s, "live"), state.name);
+      segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), state.name);
   const EvidenceSeconds fresh = state.evidence.take(motion.segments, before_s, state.moved_s);
   for (const Evidence e : {Evidence::kFastMotion, Evidence::kSlowReversals, Evidence::kStandstill})
     state.fresh.of(e) += fresh.of(e);
@@ -274,6 +275,8 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
                          tenths(kept.of(Evidence::kSlowReversals)) + " of slow reversals: ";
   IdentifyOptions options = config_.options;
   options.split_each = true;
+  const Effect* coupled =
+      state.in_force ? state.in_force->record.model.find(kind_of<CrossCoupling>()) : nullptr;
   if (!state.in_force) {
     state.last_step = "loop and friction" + on + "no model is in force";
   } else if (fast_s >= kMinNewEvidence_s) {
@@ -289,6 +292,12 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   } else if (two_mass_of(state.in_force->record.model) != nullptr) {
     state.last_step =
         "no step: two masses are identified from fast motion, and none is new since model " +
+        std::to_string(state.in_force->record.version);
+    return;
+  } else if (coupled != nullptr) {
+    state.last_step =
+        "no step: what another axis does is identified from fast motion, and none is new since "
+        "model " +
         std::to_string(state.in_force->record.version);
     return;
   } else if (kept.of(Evidence::kFastMotion) == 0.0) {
@@ -309,6 +318,10 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
       state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
   // Motion without evidence is fitted as it is, so that the refusal says what excitation it lacks.
   if (!evidence.empty()) motion.segments = std::move(evidence);
+  // A coupling is sought where the other axis' command is known all the time.
+  options.coupling = options.coupling &&
+                     std::all_of(motion.segments.begin(), motion.segments.end(),
+                                 [](const Segment& s) { return s.neighbour.size() == s.size(); });
   seek(axis, until_s, motion, options);
 }
 
@@ -401,8 +414,11 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
       throw std::runtime_error(
           "the held-out motion is no longer in memory; the processor is too busy");
     }
+    // A coupling is judged with the axis that it is to.
+    const std::string& beside = candidate.identified.record.neighbour;
     const std::vector<Segment> remembered =
-        segment_axis(memory_.copy(axis, until_s - config_.memory_s, until_s, "live"), state.name)
+        segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), state.name, {},
+                     model.find(kind_of<CrossCoupling>()) != nullptr ? beside : std::string())
             .segments;
     const double after_s = candidate.until_s + 0.5 * machine_.cycle_s;  // that sample was seen
     const std::vector<Segment> held_out =
@@ -467,8 +483,8 @@ void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy
 
 void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& model) {
   const ModelRecord& record = model.record;
-  in_force_[axis].publish(
-      {Twin(record.model), record.version, record.holdout.rms, settling_cycles(record.model)});
+  in_force_[axis].publish({Twin(record.model), record.version, record.holdout.rms,
+                           settling_cycles(record.model), neighbour_in(machine_, axis, record)});
   axes_[axis].in_force = model;
   {
     const std::lock_guard lock(status_mutex_);

@@ -56,7 +56,18 @@ void AxisLoop::forget() noexcept {
   if (catching_up_) next_fed_ = next_run_ = 0;
 }
 
-double AxisLoop::catch_up() noexcept {
+std::array<double, 4> AxisLoop::last_of(std::span<const AxisLoop> all, int axis,
+                                        std::uint64_t back) noexcept {
+  std::array<double, 4> out{};
+  if (axis < 0) return out;
+  const AxisLoop& of = all[static_cast<std::size_t>(axis)];
+  if (of.count_ < back + out.size() || back + out.size() > kHistory) return out;
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = of.history_[(of.count_ - 1 - back - i) % kHistory];
+  return out;
+}
+
+double AxisLoop::catch_up(std::span<const AxisLoop> all) noexcept {
   double error = kAbsent;
   for (int fed = 0; fed < kCatchUpCycles && next_fed_ < count_; ++fed, ++next_fed_) {
     const double command = history_[next_fed_ % kHistory];
@@ -64,7 +75,7 @@ double AxisLoop::catch_up() noexcept {
       next_.twin.start(command);
       error = command - next_.twin.position();
     } else {
-      error = next_.twin.follow(command);
+      error = next_.twin.follow(command, last_of(all, next_.neighbour, count_ - 1 - next_fed_));
     }
     ++next_run_;
   }
@@ -75,17 +86,21 @@ double AxisLoop::catch_up() noexcept {
   return error;
 }
 
-AxisPrediction AxisLoop::predict(double command) noexcept {
+void AxisLoop::note(double command) noexcept {
+  bad_sample_ = !std::isfinite(command);
+  if (bad_sample_) return forget();
+  history_[count_ % kHistory] = command;
+  ++count_;
+}
+
+AxisPrediction AxisLoop::predict(std::span<const AxisLoop> all) noexcept {
   AxisPrediction out;
-  if (!std::isfinite(command)) {
-    forget();
+  if (bad_sample_) {
     out.state = AxisState::kBadSample;
     out.model_version = in_force_.version;
     return out;
   }
-  history_[count_ % kHistory] = command;
-  ++count_;
-
+  const double command = history_[(count_ - 1) % kHistory];
   double error = kAbsent;
   if (in_force_.version != 0) {
     if (count_ == 1) {
@@ -93,12 +108,12 @@ AxisPrediction AxisLoop::predict(double command) noexcept {
       error = command - in_force_.twin.position();
       run_ = 1;
     } else {
-      error = in_force_.twin.follow(command);
+      error = in_force_.twin.follow(command, last_of(all, in_force_.neighbour, 0));
       ++run_;
     }
   }
   if (catching_up_) {
-    if (const double newer = catch_up(); !catching_up_) error = newer;
+    if (const double newer = catch_up(all); !catching_up_) error = newer;
   }
   if (in_force_.version == 0) return out;
   out.model_version = in_force_.version;
@@ -115,12 +130,20 @@ AxisPrediction AxisLoop::predict(double command) noexcept {
   return out;
 }
 
-void AxisLoop::look_ahead(std::span<const double> commands,
+void AxisLoop::look_ahead(std::span<const AxisLoop> all, std::span<const double> commands,
+                          const std::array<std::array<double, kMaxLookAhead>, kMaxAxes>& ahead,
                           std::span<double> errors) const noexcept {
   if (in_force_.version == 0 || count_ == 0) {
     std::fill(errors.begin(), errors.end(), kAbsent);
-  } else {
-    in_force_.twin.predict(commands, errors);
+    return;
+  }
+  if (in_force_.neighbour < 0) return in_force_.twin.predict(commands, errors);
+  const auto& of_neighbour = ahead[static_cast<std::size_t>(in_force_.neighbour)];
+  std::array<double, 4> last = last_of(all, in_force_.neighbour, 0);
+  Twin twin = in_force_.twin;
+  for (std::size_t k = 0; k < commands.size(); ++k) {
+    last = {of_neighbour[k], last[0], last[1], last[2]};
+    errors[k] = twin.follow(commands[k], last);
   }
 }
 
@@ -246,8 +269,12 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
     AxisLoop& axis = axes_[i];
     if (order == Order::kAfterGap) axis.forget();
     if (const TwinInForce* newest = models_[i].fresh()) axis.take(*newest);
-    prediction_.axes[i] = axis.predict(frame.axes[i].command);
-    axis.look_ahead({frame.ahead[i].data(), ahead}, {prediction_.ahead[i].data(), ahead});
+    axis.note(frame.axes[i].command);
+  }
+  for (std::size_t i = 0; i < models_.size(); ++i) {
+    prediction_.axes[i] = axes_[i].predict(axes_);
+    axes_[i].look_ahead(axes_, {frame.ahead[i].data(), ahead}, frame.ahead,
+                        {prediction_.ahead[i].data(), ahead});
   }
   prediction_.contour_error = prediction_.measured_contour_error = kAbsent;
   for (Path& path : paths_) add_contour(path, frame, order);

@@ -65,16 +65,27 @@ class AxisLoop {
   void take(const TwinInForce& model) noexcept;
   /// Forgets the command history, after a gap.
   void forget() noexcept;
-  /// One cycle: predicts the error from the command alone [m | rad].
-  AxisPrediction predict(double command) noexcept;
-  /// Predicts the errors of coming cycles from their commands; NaN without a model.
-  void look_ahead(std::span<const double> commands, std::span<double> errors) const noexcept;
+  /// The command of a new cycle [m | rad].
+  void note(double command) noexcept;
+  /// Predicts the error of the cycle that was noted last, from commands alone [m | rad]. `all`: the
+  /// axes of the machine, each with its command of this cycle.
+  AxisPrediction predict(std::span<const AxisLoop> all) noexcept;
+  /// Predicts the errors of coming cycles from their commands, `ahead` of every axis; NaN without a
+  /// model.
+  void look_ahead(std::span<const AxisLoop> all, std::span<const double> commands,
+                  const std::array<std::array<double, kMaxLookAhead>, kMaxAxes>& ahead,
+                  std::span<double> errors) const noexcept;
 
  private:
-  double catch_up() noexcept;
+  double catch_up(std::span<const AxisLoop> all) noexcept;
+  /// The four commands of an axis up to the one `back` cycles ago, the newest first; zeros where it
+  /// has no such history, or where there is no axis.
+  [[nodiscard]] static std::array<double, 4> last_of(std::span<const AxisLoop> all, int axis,
+                                                     std::uint64_t back) noexcept;
 
   TwinInForce in_force_, next_;
   bool catching_up_ = false;
+  bool bad_sample_ = false;     // the last command was not finite
   std::uint64_t count_ = 0;     // commands since the last start
   std::uint64_t next_fed_ = 0;  // of those, fed to next_
   std::uint64_t run_ = 0;       // cycles that the twin in force has run since its start

@@ -120,17 +120,7 @@ double MotionMemory::newest_s() const {
   return newest_s_;
 }
 
-Recording MotionMemory::copy(std::size_t axis, double after_s, double until_s,
-                             const std::string& source) const {
-  return copy_axes(axis, axis + 1, after_s, until_s, source);
-}
-
 Recording MotionMemory::copy(double after_s, double until_s, const std::string& source) const {
-  return copy_axes(0, machine_.axes.size(), after_s, until_s, source);
-}
-
-Recording MotionMemory::copy_axes(std::size_t first, std::size_t last, double after_s,
-                                  double until_s, const std::string& source) const {
   const std::lock_guard lock(mutex_);
   const auto begin = std::upper_bound(time_.begin(), time_.end(), after_s) - time_.begin();
   const auto end = std::upper_bound(time_.begin(), time_.end(), until_s) - time_.begin();
@@ -141,8 +131,7 @@ Recording MotionMemory::copy_axes(std::size_t first, std::size_t last, double af
   Recording out;
   out.source = source;
   out.time = part(time_);
-  for (std::size_t i = first; i < last; ++i) {
-    const AxisRecord& from = axes_[i];
+  for (const AxisRecord& from : axes_) {
     out.axes.push_back({from.name, from.rotary, part(from.command), part(from.actual),
                         part(from.torque), from.torque_unit});
   }

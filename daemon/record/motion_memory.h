@@ -35,10 +35,7 @@ class MotionMemory {
   /// has not yet.
   [[nodiscard]] std::optional<double> time_when_stood(std::size_t axis, double after_s,
                                                       double seconds) const;
-  /// The rows of one axis in (after_s, until_s], as a recording named `source`.
-  [[nodiscard]] Recording copy(std::size_t axis, double after_s, double until_s,
-                               const std::string& source) const;
-  /// The same of all axes.
+  /// The rows in (after_s, until_s], as a recording named `source`.
   [[nodiscard]] Recording copy(double after_s, double until_s, const std::string& source) const;
   /// The times of the oldest and of the newest row.
   [[nodiscard]] double oldest_s() const;
@@ -46,8 +43,6 @@ class MotionMemory {
 
  private:
   void forget_old();
-  [[nodiscard]] Recording copy_axes(std::size_t first, std::size_t last, double after_s,
-                                    double until_s, const std::string& source) const;
 
   MachineDescription machine_;
   std::size_t most_rows_;

@@ -298,6 +298,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   Identified out;
   ModelRecord& record = out.record;
   record.axis = axis.axis;
+  record.neighbour = axis.neighbour;
   record.rotary = axis.rotary;
   record.rows = static_cast<long>(rows_of(axis.segments));
   record.from_s = axis.segments.front().start_s;

@@ -51,7 +51,9 @@ struct ModelRecord {
   double condition_number = kAbsent;  ///< of the regressors in mm and s, as the thesis prints it
   double time_taken_s = kAbsent;
 
-  std::string source;  ///< recording
+  std::string neighbour;  ///< the axis whose acceleration acts on this one; empty: none, or the
+                          ///< other axis of the recording
+  std::string source;     ///< recording
   double from_s = 0.0, to_s = 0.0, training_to_s = 0.0;
   long rows = 0;
   MotionRange motion;  ///< all of it, the hold-out too; NaN in files from before it was kept

@@ -355,11 +355,11 @@ bool in_step(const SegmentedAxis& left, const SegmentedAxis& right) {
 }  // namespace
 
 SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
-                           const SegmentLimits& limits) {
+                           const SegmentLimits& limits, std::string_view wanted) {
   SegmentedAxis out = segmented(recording, axis, limits);
   for (const AxisRecord& other : recording.axes) {
-    if (other.name == out.axis || other.command.size() != recording.time.size() ||
-        all_missing(other.command))
+    if (other.name == out.axis || (!wanted.empty() && other.name != wanted) ||
+        other.command.size() != recording.time.size() || all_missing(other.command))
       continue;
     AxisRecord bare{other.name, other.rotary, other.command, {}, {}, {}};
     Recording alone{recording.source, recording.time, {std::move(bare)}, {}};
@@ -370,6 +370,7 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
       continue;  // an axis without segments cannot be the neighbour
     }
     if (!in_step(out, neighbour)) continue;
+    out.neighbour = other.name;
     for (std::size_t i = 0; i < out.segments.size(); ++i) {
       out.segments[i].neighbour = std::move(neighbour.segments[i].command);
       out.segments[i].in_plane = !out.rotary && !other.rotary;
@@ -410,7 +411,8 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
   const double begin_s = axis.segments.back().end_s() + kBetween_s;
   const double shift_s = begin_s - next.segments.front().start_s;
   const bool torque = all_have(&Segment::torque), motor = all_have(&Segment::actual_motor),
-             neighbour = all_have(&Segment::neighbour), cuts = all_have(&Segment::in_cut);
+             neighbour = all_have(&Segment::neighbour) && axis.neighbour == next.neighbour,
+             cuts = all_have(&Segment::in_cut);
   for (Segment& s : next.segments) {
     s.start_s += shift_s;
     s.sample_time_s = axis.sample_time_s;
@@ -424,6 +426,7 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
   }
   set_length_scale(axis.segments, axis.rotary);
   if (!torque) axis.torque_unit.clear();
+  if (!neighbour) axis.neighbour.clear();
   axis.source += ", " + next.source;
   return begin_s;
 }

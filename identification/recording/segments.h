@@ -70,14 +70,18 @@ struct SegmentedAxis {
   std::string axis;
   bool rotary = false;
   std::string torque_unit;  ///< empty without torque
+  std::string neighbour;    ///< name of the axis whose command the segments contain as well
   double sample_time_s = 0.0;
   std::vector<Segment> segments;  ///< at least one
   SegmentReport report;
 };
 
-/// Throws if there is no such axis, no command, no usable time, or no segment that is long enough.
+/// With the command of `neighbour` beside it; empty: of the first other axis that has one at the
+/// same times. Throws if there is no such axis, no command, no usable time, or no segment that is
+/// long enough.
 [[nodiscard]] SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
-                                         const SegmentLimits& limits = {});
+                                         const SegmentLimits& limits = {},
+                                         std::string_view neighbour = {});
 
 /// Adds another recording of the same axis: its segments follow those of `axis`, one second after
 /// their end, whatever their own stamps are. The new start of its first segment [s]. Torque, the

@@ -141,6 +141,87 @@ TEST(RealTimeLoop, WhatIsPredictedAheadComesTrue) {
   }
 }
 
+/// X feels the acceleration of Y, which moves twice as far.
+Model coupled_drive() {
+  Model model = drive();
+  Effect coupling = make_effect<CrossCoupling>();
+  coupling.coefficient[0] = -0.1;
+  model.effects.push_back(coupling);
+  return model;
+}
+TwinInForce coupled(int version = 1) {
+  TwinInForce out = in_force(coupled_drive(), version);
+  out.neighbour = 1;
+  return out;
+}
+
+TEST(RealTimeLoop, AnotherAxisActsOnAnAxisAsInTheSimulation) {
+  constexpr std::uint64_t kCycles = 3000, kSwap = 1500;
+  Loop loop(2), later(2);
+  loop.models[0].publish(coupled());
+  later.models[0].publish(in_force(drive()));
+  Segment segment;
+  segment.sample_time_s = kCycle_s;
+  segment.command = segment.neighbour = Eigen::ArrayXd(static_cast<Eigen::Index>(kCycles));
+  Eigen::ArrayXd predicted(segment.command.size());
+  double apart = 0.0;
+  for (std::uint64_t k = 0; k < kCycles; ++k) {
+    if (k == kSwap) later.models[0].publish(coupled(2));
+    const auto at = static_cast<Eigen::Index>(k);
+    const MachineFrame frame = loop.frame(k);
+    segment.command(at) = frame.axes[0].command;
+    segment.neighbour(at) = frame.axes[1].command;
+    predicted(at) = loop.put(frame).axes[0].predicted_error;
+    const AxisPrediction of_later = later.put(frame).axes[0];
+    if (of_later.model_version == 2) apart = std::abs(of_later.predicted_error - predicted(at));
+  }
+  EXPECT_LT(apart, 1e-9) << "a new model gets the history of the other axis as well";
+  Segment alone = segment;
+  alone.neighbour.resize(0);
+  segment.actual = alone.actual = segment.command;
+  const Model model = coupled_drive();
+  const Eigen::Index settled = 500;
+  const Eigen::ArrayXd whole = simulate(model, segment).tail(whole.size() - settled);
+  const Eigen::ArrayXd without = simulate(model, alone).tail(whole.size());
+  const double by_other = std::sqrt((whole - without).square().mean());
+  const double wrong = std::sqrt((predicted.tail(whole.size()) - whole).square().mean());
+  EXPECT_GT(by_other, 1e-6);
+  EXPECT_LT(wrong, 0.03 * by_other) << "from the commands of the past alone";
+}
+
+TEST(RealTimeLoop, WhatIsPredictedAheadBesideAnotherAxisComesTrue) {
+  constexpr int kAhead = 8;
+  Loop loop(2);
+  loop.models[0].publish(coupled());
+  std::vector<MachinePrediction> all;
+  for (std::uint64_t k = 0; k < 400; ++k) {
+    MachineFrame frame = loop.frame(k);
+    frame.ahead_count = kAhead;
+    for (std::uint64_t i = 0; i < kAhead; ++i) {
+      for (std::size_t axis = 0; axis < 2; ++axis)
+        frame.ahead[axis][i] = loop.frame(k + 1 + i).axes[axis].command;
+    }
+    all.push_back(loop.put(frame));
+  }
+  for (std::size_t k = 3; k + kAhead < all.size(); ++k) {
+    for (std::size_t i = 0; i < kAhead; ++i) {
+      ASSERT_EQ(all[k].ahead[0][i], all[k + 1 + i].axes[0].predicted_error) << k << " + " << i + 1;
+    }
+  }
+}
+
+TEST(RealTimeLoop, ANeighbourWithoutACommandActsOnNobody) {
+  Loop loop(2), alone(1);
+  loop.models[0].publish(coupled());
+  alone.models[0].publish(in_force(coupled_drive()));
+  for (std::uint64_t k = 0; k < 300; ++k) {
+    MachineFrame frame = loop.frame(k);
+    frame.axes[1].command = k % 3 == 0 ? NAN : 1e300;
+    const AxisPrediction prediction = loop.put(frame).axes[0];
+    ASSERT_EQ(prediction.predicted_error, alone.put(k).axes[0].predicted_error) << k;
+  }
+}
+
 /// A P-P drive without friction, and |T| of it: T = 1 - e / x_command.
 Model linear_drive() {
   Model model = drive();

@@ -23,7 +23,7 @@ TEST(MotionMemory, GivesBackWhatWasAppendedSinceATime) {
   MotionMemory memory(one_axis(), 10.0);
   for (std::int64_t k = 0; k < 100; ++k)
     memory.append(row_at(1'000'000 + k, 1e-3 * static_cast<double>(k)));
-  const Recording recording = memory.copy(0, 0.0495, 0.0895, "live");
+  const Recording recording = memory.copy(0.0495, 0.0895, "live");
   ASSERT_EQ(recording.axes.size(), 1U);
   EXPECT_EQ(recording.source, "live");
   EXPECT_EQ(recording.axes[0].name, "X");
@@ -87,7 +87,7 @@ TEST(MotionMemory, TimeGoesOnWhereTheSourceWasRestarted) {
   again.after_gap = true;
   memory.append(again);
   memory.append(row_at(1, 0.0));
-  const Recording recording = memory.copy(0, -1.0, 100.0, "live");
+  const Recording recording = memory.copy(-1.0, 100.0, "live");
   ASSERT_EQ(recording.time.size(), 4U);
   EXPECT_NEAR(recording.time[1], 0.001, 1e-12);
   EXPECT_NEAR(recording.time[2], 1.001, 1e-12);
@@ -111,7 +111,7 @@ TEST(MotionMemory, StampsMayBeAnything) {
 TEST(MotionMemory, ForgetsTheOldestButNotWhatWasPromised) {
   MotionMemory memory(one_axis(), 0.1);
   for (std::int64_t k = 0; k < 10'000; ++k) memory.append(row_at(k, 0.0, static_cast<double>(k)));
-  const Recording recording = memory.copy(0, -1.0, 100.0, "live");
+  const Recording recording = memory.copy(-1.0, 100.0, "live");
   EXPECT_GE(recording.time.size(), 100U);
   EXPECT_LE(recording.time.size(), 127U);
   EXPECT_EQ(recording.time.front(), memory.oldest_s());
@@ -126,7 +126,7 @@ TEST(MotionMemory, WhatIsNotANumberIsAbsentAndNoMotion) {
   memory.append(row_at(0, 0.0));
   memory.append(row_at(1, INFINITY, -INFINITY));
   memory.append(row_at(2, 0.1));
-  const Recording recording = memory.copy(0, -1.0, 100.0, "live");
+  const Recording recording = memory.copy(-1.0, 100.0, "live");
   EXPECT_TRUE(std::isnan(recording.axes[0].command[1]));
   EXPECT_TRUE(std::isnan(recording.axes[0].actual[1]));
   EXPECT_EQ(memory.moved_s(0), 0.0);
