@@ -178,6 +178,21 @@ ErrorSize size_of(const Signal& error) {
   return {std::sqrt(error.square().mean()), error.abs().maxCoeff()};
 }
 
+std::vector<std::size_t> find_neighbours(std::vector<LearnAxis>& axes,
+                                         const std::vector<std::string>& named) {
+  std::vector<std::size_t> without;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    if (axes[i].model.find(kind_of<CrossCoupling>()) == nullptr) continue;
+    for (std::size_t other = 0; other < axes.size() && !axes[i].neighbour; ++other) {
+      if (other == i || !(named[i].empty() || axes[other].name == named[i])) continue;
+      axes[i].neighbour = other;
+      axes[i].path.neighbour = axes[other].path.command;
+    }
+    if (!axes[i].neighbour) without.push_back(i);
+  }
+  return without;
+}
+
 Plant on_twins(const std::vector<LearnAxis>& axes) {
   return [axes](const std::vector<Signal>& commands) {
     std::vector<Signal> out;
@@ -185,6 +200,7 @@ Plant on_twins(const std::vector<LearnAxis>& axes) {
       Segment segment = axes[i].path;
       segment.actual.resize(0);
       segment.command = commands[i];
+      if (axes[i].neighbour) segment.neighbour = commands[*axes[i].neighbour];
       out.push_back(commands[i] - simulate(axes[i].model, segment));
     }
     return out;
@@ -277,6 +293,12 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
   };
   by_rigid.two_masses = by_rigid.by_rigid_law = true;
   return left(by_rigid) < left(out) ? by_rigid : out;
+}
+
+std::string without_neighbour(const std::string& axis, const std::string& named) {
+  return "the model of " + axis + " contains the acceleration of " +
+         (named.empty() ? "another axis" : "axis " + named) +
+         ", which has no path here: what it does is not corrected";
 }
 
 std::string why_none_is_kept(const Learned& learned, const std::vector<LearnAxis>& axes) {

@@ -44,6 +44,8 @@ struct LearnAxis {
   bool rotary = false;
   Model model;
   Segment path;  ///< the command; `actual` is not used
+  /// The place of the axis whose acceleration acts on this one (find_neighbours).
+  std::optional<std::size_t> neighbour;
   LearningLaw law;
   double reversal_bandwidth_hz = 0.0;  ///< bandwidth at reversals; 0: the same everywhere
   CorrectionLimits limits;
@@ -96,6 +98,12 @@ struct Learned {
   std::optional<ProgramError> before, after;  ///< with two linear axes or more
 };
 
+/// For every axis whose model contains the acceleration of another one: that axis and its path. It
+/// is the one that is named, of `named` one per axis, or the first other one. Returns the places of
+/// those whose other axis is not there: their twins lack what it does.
+std::vector<std::size_t> find_neighbours(std::vector<LearnAxis>& axes,
+                                         const std::vector<std::string>& named);
+
 /// From the commands of all axes to their readings; one array per axis.
 using Plant = std::function<std::vector<Eigen::ArrayXd>(const std::vector<Eigen::ArrayXd>&)>;
 
@@ -104,6 +112,9 @@ using Plant = std::function<std::vector<Eigen::ArrayXd>(const std::vector<Eigen:
 
 [[nodiscard]] Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant,
                             const LearnOptions& options = {});
+
+/// That the other axis of an axis is not among them, as a sentence.
+[[nodiscard]] std::string without_neighbour(const std::string& axis, const std::string& named);
 
 /// Why no trial is kept (best is 0): a sentence that names the limits that were reached.
 [[nodiscard]] std::string why_none_is_kept(const Learned& learned,

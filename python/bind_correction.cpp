@@ -105,6 +105,10 @@ CorrectedPath corrected(const std::vector<ModelOfAxis>& models,
                                      stated_deviations(record), path, arguments.wish));
     axes.push_back(out.axes.back().learning);
   }
+  std::vector<std::string> neighbours;
+  for (const ModelOfAxis& model : models) neighbours.push_back(model.record.neighbour);
+  for (const std::size_t i : find_neighbours(axes, neighbours))
+    out.notes.push_back(without_neighbour(axes[i].name, neighbours[i]));
   if (!moving) throw std::runtime_error("no axis moves: there is nothing to correct");
   for (const std::string& line : short_rests(axes)) out.notes.push_back(line);
   const Plant twins = on_twins(axes);

@@ -232,7 +232,13 @@ void run(const LearnArguments& arguments) {
     correction.axes.back().beyond_model = reach.beyond();
   }
   std::vector<LearnAxis> axes;
-  for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+  std::vector<std::string> neighbours;
+  for (const CorrectedAxis& axis : correction.axes) {
+    axes.push_back(axis.learning);
+    neighbours.push_back(axis.commanded.record.neighbour);
+  }
+  for (const std::size_t i : find_neighbours(axes, neighbours))
+    say(people, "note: " + without_neighbour(axes[i].name, neighbours[i]));
   for (const std::string& line : short_rests(axes)) say(people, "warning: " + line);
   {
     const Progress progress("learning");

@@ -152,6 +152,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   out.program = program;
   out.created_ns = out.validated_ns = wall_ns;
   std::vector<LearnAxis> axes;
+  std::vector<std::string> neighbours;
   std::vector<bool> beyond;  // per axis: the path exceeds the motion of the model's data
   std::ptrdiff_t linear = 0;
   for (std::size_t i = 0; i < program.axes.size(); ++i) {
@@ -180,6 +181,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
       axes.back().law.model = transfer_of(record.model);
     }
     axes.back().name = axis.name;
+    neighbours.push_back(record.neighbour);
     axes.back().rotary = axis.rotary;
     out.axes.push_back({axis.name, axis.rotary, record.version});
     const auto known = [](double value) { return std::isfinite(value) ? value : 0.0; };
@@ -187,6 +189,8 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     out.holdout_max.push_back(known(record.holdout.max));
     linear += axis.rotary ? 0 : 1;
   }
+  for (const std::size_t i : find_neighbours(axes, neighbours))
+    out.notes.push_back(without_neighbour(axes[i].name, neighbours[i]));
 
   out.validated_ns = std::min(wall_ns, validated_ns(out, in_force).value_or(0));
 

@@ -10,6 +10,7 @@
 #include "ilc/uncertainty.h"
 #include "tests/ilc/study.h"
 #include "tests/virtual_machine/program.h"
+#include "twin/twin.h"
 
 namespace servotwin {
 namespace {
@@ -333,6 +334,50 @@ TEST(CrossCoupled, NeedsTwoLinearAxes) {
   EXPECT_THROW((void)learn(axes, on_twins(axes), options), std::invalid_argument);
   axes.pop_back();
   EXPECT_THROW((void)learn(axes, on_twins(axes), options), std::invalid_argument);
+}
+
+/// X feels a tenth of the acceleration of Y, which circles while X moves to and fro.
+std::vector<LearnAxis> coupled_axes() {
+  Model pushed = plant();
+  Effect coupling = make_effect<CrossCoupling>();
+  coupling.coefficient[0] = -0.1;
+  pushed.effects.push_back(coupling);
+  Segment x = moves(), y = study::circles();
+  const Eigen::Index size = std::min(x.size(), y.size());
+  x.command.conservativeResize(size);
+  y.command.conservativeResize(size);
+  LearnAxis first = axis_of(pushed, 50.0, x), second = axis_of(plant(), 50.0, y);
+  second.name = "Y";
+  return {first, second};
+}
+
+TEST(CoupledAxes, LearnFromWhatTheOtherDoes) {
+  std::vector<LearnAxis> blind = coupled_axes(), seeing = blind;
+  EXPECT_TRUE(find_neighbours(seeing, {"", ""}).empty());
+  ASSERT_EQ(seeing[0].neighbour, 1U);
+  EXPECT_FALSE(seeing[1].neighbour.has_value()) << "its model contains no other axis";
+  const auto left_on_machine = [&](const std::vector<LearnAxis>& axes) {
+    const Learned learned = learn(axes, on_twins(axes));
+    std::vector<Eigen::ArrayXd> commands;
+    for (std::size_t i = 0; i < axes.size(); ++i)
+      commands.push_back(axes[i].path.command + learned.axes[i].correction);
+    Segment segment = axes[0].path;
+    segment.command = commands[0];
+    segment.neighbour = commands[1];
+    segment.actual.resize(0);
+    const Eigen::ArrayXd reading = commands[0] - simulate(axes[0].model, segment);
+    return size_of(axes[0].path.command - reading).rms;
+  };
+  EXPECT_LT(10.0 * left_on_machine(seeing), left_on_machine(blind));
+}
+
+TEST(CoupledAxes, WithoutTheOtherAxisAreNamed) {
+  std::vector<LearnAxis> axes = coupled_axes();
+  EXPECT_THAT(find_neighbours(axes, {"Z", ""}), testing::ElementsAre(0U));
+  EXPECT_EQ(without_neighbour("X", "Z"),
+            "the model of X contains the acceleration of axis Z, which has no path here: what it "
+            "does is not corrected");
+  EXPECT_TRUE(find_neighbours(axes, {"Y", ""}).empty());
 }
 
 TEST(Feedforward, OfTheRightModelLeavesWhatQLeaves) {
