@@ -22,8 +22,7 @@ struct CrossCoupling {
       .meaning = "force caused by the acceleration of another axis",
       .acts = Acts::kForce,
       .cause = "cross_coupling",
-      .check = "mounting and stiffness between the two axes; feed-forward of the other axis",
-      .of_its_recording = true};
+      .check = "mounting and stiffness between the two axes; feed-forward of the other axis"};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"other_frequency_hz", "Hz", 1.0, 1000.0, 20.0,
         "undamped frequency of the other axis' loop"},
