@@ -129,7 +129,7 @@ ProgramInbox::Outcome ProgramInbox::remove(const std::string& program) {
               "no file in the folder of programs gives program " + in_quotes(program)};
     require_writable(folder_);
     fs::remove(file);
-    list_.changed(program);
+    list_.changed(program, true);
     events_.note_soon(
         "program_removed", "",
         "program " + in_quotes(program) + ": " + file.filename().string() + " removed over HTTP");

@@ -2,8 +2,8 @@
 // others read it.
 //
 // Between a change of the folder of programs (daemon/correct/program_inbox.h) and the next look of
-// the worker into it, the program counts as waiting, so that nobody takes the result of the file
-// before for that of the new one. Any thread; errors: none.
+// the worker into it, the program counts as waiting or removed, so that nobody takes the result of
+// the file before for that of the new one. Any thread; errors: none.
 #pragma once
 
 #include <cstdint>
@@ -26,6 +26,7 @@ struct ProgramState {
     kLearned,     ///< its correction is kept
     kNotLearned,  ///< its file is there, and it has no correction
     kRecognised,  ///< the machine repeats it; it may be accepted
+    kRemoved,     ///< its file has gone, and its correction will
   };
   What what = What::kWaiting;
   std::uint64_t revision = 0;                         ///< of the last that was read; 0: none
@@ -42,10 +43,10 @@ struct MotionRepeats {
 
 class ProgramList {
  public:
-  /// The file of this program has been put, replaced or removed.
-  void changed(const std::string& program) {
+  /// The file of this program has been put or replaced, or removed.
+  void changed(const std::string& program, bool removed = false) {
     const std::lock_guard lock(mutex_);
-    changed_[program] = ++changes_;
+    changed_[program] = {++changes_, removed};
   }
   /// The number of changes until now; to be taken before a look into the folder.
   [[nodiscard]] std::uint64_t changes() const {
@@ -59,12 +60,14 @@ class ProgramList {
     const std::lock_guard lock(mutex_);
     states_.swap(states);
     repeats_ = std::move(repeats);
-    std::erase_if(changed_, [&](const auto& one) { return one.second <= seen; });
+    std::erase_if(changed_, [&](const auto& one) { return one.second.number <= seen; });
   }
   [[nodiscard]] std::map<std::string, ProgramState> states() const {
     const std::lock_guard lock(mutex_);
     std::map<std::string, ProgramState> out = states_;
-    for (const auto& [program, change] : changed_) out[program].what = ProgramState::What::kWaiting;
+    for (const auto& [program, change] : changed_)
+      out[program].what =
+          change.removed ? ProgramState::What::kRemoved : ProgramState::What::kWaiting;
     return out;
   }
   [[nodiscard]] std::optional<MotionRepeats> repeats() const {
@@ -75,7 +78,11 @@ class ProgramList {
  private:
   mutable std::mutex mutex_;
   std::uint64_t changes_ = 0;
-  std::map<std::string, std::uint64_t> changed_;  // number of the last change of each program
+  struct Change {
+    std::uint64_t number = 0;
+    bool removed = false;
+  };
+  std::map<std::string, Change> changed_;  // the last change of each program
   std::map<std::string, ProgramState> states_;
   std::optional<MotionRepeats> repeats_;
 };

@@ -179,6 +179,8 @@ const char* name_of(ProgramState::What what) {
       return "not_learned";
     case ProgramState::What::kRecognised:
       return "recognised";
+    case ProgramState::What::kRemoved:
+      return "removed";
   }
   return "";
 }

@@ -407,6 +407,10 @@ TEST(ProgramList, AChangeSinceTheLastLookIsWaiting) {
   EXPECT_EQ(list.states().at("ring").revision, 7U);
   list.show(learned, list.changes());
   EXPECT_EQ(list.states().at("ring").what, ProgramState::What::kLearned);
+  list.changed("ring", true);
+  EXPECT_EQ(list.states().at("ring").what, ProgramState::What::kRemoved);
+  list.show({}, list.changes());
+  EXPECT_TRUE(list.states().empty());
 }
 
 }  // namespace
