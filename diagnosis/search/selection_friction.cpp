@@ -93,7 +93,7 @@ bool Selector::law_beside_rests() {
   const Screened screened = search_.screen(now_.current, {dwell}).front();
   if (screened.p > kMaxScreenP || screened.gain < kMinScreenGainBesideLaw) return false;
   std::vector<Hypothesis> all;
-  for (const std::size_t law : kLawsOnLoad) {
+  for (const std::size_t law : permitted_laws()) {
     Hypothesis h;
     h.structure = now_.current.structure;
     auto& effects = h.structure.effects;
@@ -109,6 +109,7 @@ bool Selector::law_beside_rests() {
               h.point.shapes.end() - static_cast<std::ptrdiff_t>(screened.shapes.size()));
     all.push_back(std::move(h));
   }
+  if (all.empty()) return false;
   options_.begin("friction that grows at rest");
   std::vector<char> fits(all.size());
   in_parallel(all.size(), [&](std::size_t i) {

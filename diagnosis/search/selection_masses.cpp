@@ -37,7 +37,7 @@ double max_ratio(const Model& two_masses, const Model& without) {
 
 bool Selector::part_masses() {
   if (!may_have_two_masses()) return false;
-  const std::vector<std::size_t> kinds = two_mass_kinds(), laws = laws_on_load();
+  const std::vector<std::size_t> kinds = two_mass_kinds(), laws = permitted_laws();
   if (kinds.empty()) return false;
   const auto left_by = [&](const Hypothesis& h) {  // in the training data
     return h.structure.effects.empty() ? kAbsent
@@ -107,7 +107,7 @@ std::vector<std::size_t> Selector::two_mass_kinds() const {
   return kinds;
 }
 
-std::vector<std::size_t> Selector::laws_on_load() const {
+std::vector<std::size_t> Selector::permitted_laws() const {
   std::vector<std::size_t> laws;
   for (const std::size_t law : kLawsOnLoad) {
     const bool falls = law != kind_of<Presliding>();

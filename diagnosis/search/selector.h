@@ -136,7 +136,7 @@ class Selector {
   bool part_masses();
   [[nodiscard]] bool may_have_two_masses() const;
   [[nodiscard]] std::vector<std::size_t> two_mass_kinds() const;
-  [[nodiscard]] std::vector<std::size_t> laws_on_load() const;
+  [[nodiscard]] std::vector<std::size_t> permitted_laws() const;
   /// A rigid axis with its law of friction and delay, and a loop of this order; without effects
   /// where it cannot be fitted.
   [[nodiscard]] Hypothesis law_alone(int order);
