@@ -172,6 +172,24 @@ class Coordinates {
     return {-1e300, 1e300};
   }
 
+  /// The coordinates that are not those of these effects.
+  [[nodiscard]] std::vector<std::size_t> without(const std::vector<std::size_t>& held) const {
+    const auto is_held = [&](std::size_t effect) {
+      return std::find(held.begin(), held.end(), effect) != held.end();
+    };
+    std::vector<bool> free(static_cast<std::size_t>(numerators_), true);
+    for (const Slot& slot : slots_) free.push_back(!is_held(slot.effect));
+    free.resize(free.size() + static_cast<std::size_t>(structure_.order), true);
+    for (std::size_t i = 0; i < structure_.effects.size(); ++i)
+      free.resize(free.size() + shapes_of(structure_.effects[i]).size(), !is_held(i));
+    free.resize(static_cast<std::size_t>(of(template_).size()), true);
+    std::vector<std::size_t> out;
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      if (free[i]) out.push_back(i);
+    }
+    return out;
+  }
+
   /// d model / d coordinate at x, of every coordinate: models whose parameters are the derivatives.
   [[nodiscard]] std::vector<Model> directions(const double* x) const {
     std::vector<Model> out;
@@ -294,21 +312,24 @@ Simulated by_differences(const Model& model, std::span<const Model> directions,
   return out;
 }
 
-/// The same with its derivatives by the coordinates.
+/// The same with its derivatives by the coordinates; 0 by those that are not `free`.
 struct Missed {
   Eigen::VectorXd r;  ///< empty if the model is not valid
   Eigen::MatrixXd by;
 };
 Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
-                               const std::vector<Segment>& segments, Eigen::Index settled) {
+                               const std::vector<Segment>& segments, Eigen::Index settled,
+                               const std::vector<std::size_t>& free) {
   const Model model = coordinates.model(x);
   if (!why_invalid(model).empty()) return {};
-  const std::vector<Model> directions = coordinates.directions(x);
+  const std::vector<Model> all = coordinates.directions(x);
+  std::vector<Model> directions;
+  for (const std::size_t i : free) directions.push_back(all[i]);
   std::vector<Eigen::Index> rows{0};
   for (const Segment& s : segments) rows.push_back(rows.back() + counted(s, settled));
   Missed out;
   out.r.resize(rows.back());
-  out.by.resize(rows.back(), static_cast<Eigen::Index>(directions.size()));
+  out.by.setZero(rows.back(), static_cast<Eigen::Index>(all.size()));
   const bool has_play = plays(model);
   // One task for every segment and every pass over it.
   const std::size_t passes = (directions.size() + kParametersPerPass - 1) / kParametersPerPass;
@@ -323,8 +344,9 @@ Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
         has_play ? by_differences(model, some, s) : simulate(model, some, s);
     if (first == 0)
       out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
-    out.by.block(rows[i], static_cast<Eigen::Index>(first), n,
-                 static_cast<Eigen::Index>(some.size())) = -simulated.by.bottomRows(n);
+    for (std::size_t c = 0; c < some.size(); ++c)
+      out.by.col(static_cast<Eigen::Index>(free[first + c])).segment(rows[i], n) =
+          -simulated.by.col(static_cast<Eigen::Index>(c)).tail(n);
   });
   return out;
 }
@@ -333,8 +355,12 @@ class ReadingCost final : public ceres::CostFunction {
  public:
   ReadingCost(const std::vector<Segment>& segments, const Coordinates& coordinates,
               Eigen::Index settled, Eigen::Index rows, Eigen::Index parameters,
-              const ReadingLikelihood& likelihood)
-      : segments_(segments), coordinates_(coordinates), settled_(settled), likelihood_(likelihood) {
+              const ReadingLikelihood& likelihood, const std::vector<std::size_t>& free)
+      : segments_(segments),
+        coordinates_(coordinates),
+        settled_(settled),
+        likelihood_(likelihood),
+        free_(free) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(parameters));
     set_num_residuals(static_cast<int>(rows));
   }
@@ -344,7 +370,7 @@ class ReadingCost final : public ceres::CostFunction {
     const bool derivatives = jacobians != nullptr && jacobians[0] != nullptr;
     Missed at;
     if (derivatives) {
-      at = missed_with_derivatives(coordinates_, x[0], segments_, settled_);
+      at = missed_with_derivatives(coordinates_, x[0], segments_, settled_, free_);
     } else {
       at.r = missed(coordinates_.model(x[0]), segments_, settled_);
     }
@@ -364,6 +390,7 @@ class ReadingCost final : public ceres::CostFunction {
   const Coordinates& coordinates_;
   Eigen::Index settled_;
   const ReadingLikelihood& likelihood_;
+  const std::vector<std::size_t>& free_;
 };
 
 /// The residuals of least squares for these; `jacobian`, of r, becomes theirs.
@@ -397,7 +424,8 @@ std::optional<Eigen::MatrixXd> covariance_of(const Coordinates& coordinates,
                                              const std::vector<Segment>& segments,
                                              Eigen::Index settled,
                                              const ReadingLikelihood& likelihood) {
-  Missed at = missed_with_derivatives(coordinates, x.data(), segments, settled);
+  Missed at =
+      missed_with_derivatives(coordinates, x.data(), segments, settled, coordinates.without({}));
   if (!at.r.allFinite() || !at.by.allFinite()) return std::nullopt;
   const Eigen::VectorXd g = weighted(likelihood, at.r, at.by);
   const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
@@ -415,6 +443,7 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   Eigen::VectorXd x = coordinates.of(start);
   Eigen::VectorXd r = missed(start, segments, settled);
   if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
+  const std::vector<std::size_t> free = coordinates.without(options.held);
 
   OutputErrorFit fit;
   for (int pass = 0; pass < options.passes; ++pass) {
@@ -424,8 +453,8 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
     const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
     ceres::Problem problem;
     problem.AddResidualBlock(
-        new ReadingCost(segments, coordinates, settled, r.size(), x.size(), likelihood), nullptr,
-        x.data());
+        new ReadingCost(segments, coordinates, settled, r.size(), x.size(), likelihood, free),
+        nullptr, x.data());
     for (Eigen::Index i = 0; i < x.size(); ++i) {
       const auto [lower, upper] = coordinates.bounds(i);
       if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
@@ -483,12 +512,13 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
       encoder_step, most_probable_sigma(Eigen::Map<const Eigen::VectorXd>(
                                             all.data(), static_cast<Eigen::Index>(all.size())),
                                         encoder_step));
+  const std::vector<std::size_t> every = coordinates.without({});
   std::vector<NormalEquations> equations(blocks.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     Missed block{Eigen::VectorXd(), Eigen::MatrixXd::Zero(0, x.size())};
     if (left[b].size() > 0)
       block = missed_with_derivatives(coordinates, x.data(), blocks[b],
-                                      starting_state_samples(at, blocks[b].front()));
+                                      starting_state_samples(at, blocks[b].front()), every);
     if (block.r.size() != left[b].size() || !block.by.allFinite()) return out;
     const Eigen::VectorXd g = weighted(likelihood, block.r, block.by);
     equations[b] = normal_equations(block.by, g);

@@ -21,7 +21,8 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kShortPart_s = 8.0;  // for the comparison of starts
+constexpr double kShortPart_s = 8.0;   // for the comparison of fitted starts
+constexpr double kRankedPart_s = 4.0;  // for that of starts as they are
 constexpr double kUnfittedRms = 1e300;
 constexpr int kMostFitsToAll = 2;  // if the first one is not plausible
 // Starts of the grid that are tried on that part in a few rounds, of one kind and in all, and those
@@ -202,12 +203,15 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   start = {sought.at(x.data()), least * sought.unit};
 }
 
-/// Whether there is more than friction, a constant force and a delay.
-bool has_causes(const Structure& structure) {
-  return std::any_of(structure.effects.begin(), structure.effects.end(), [](std::size_t kind) {
-    return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
-           kind != kind_of<TimeDelay>();
-  });
+/// The places of what is more than friction, a constant force and a delay.
+std::vector<std::size_t> causes_in(const Structure& structure) {
+  std::vector<std::size_t> out;
+  for (std::size_t i = 0; i < structure.effects.size(); ++i) {
+    const std::size_t kind = structure.effects[i];
+    if (!is_friction_law(kind) && kind != kind_of<ConstantForce>() && kind != kind_of<TimeDelay>())
+      out.push_back(i);
+  }
+  return out;
 }
 
 /// Whether an effect stands for a spring or a gap.
@@ -229,10 +233,10 @@ double time_of(const std::vector<Segment>& segments, std::size_t sample) {
 }
 
 /// The samples in which the axis accelerates most; with a gap between them they take longer.
-std::vector<Segment> short_part(const std::vector<Segment>& segments) {
+std::vector<Segment> short_part(const std::vector<Segment>& segments, double duration_s) {
   const std::vector<double> sums = squared_acceleration(segments);
   const double h = segments.front().sample_time_s;
-  const auto length = static_cast<std::size_t>(kShortPart_s / h);
+  const auto length = static_cast<std::size_t>(duration_s / h);
   if (sums.size() < length + 1) return segments;
   std::size_t best = 0;
   for (std::size_t from = 0; from + length < sums.size(); ++from) {
@@ -258,8 +262,10 @@ Effect with_law(const Effect& old, std::size_t law) {
 }  // namespace
 
 std::optional<TwoMassFit> refined(TwoMassFit fit, const std::vector<Segment>& segments,
-                                  double encoder_step, int rounds, int passes) {
+                                  double encoder_step, int rounds, int passes,
+                                  const std::vector<std::size_t>& held) {
   OutputErrorOptions options;
+  options.held = held;
   options.encoder_step = encoder_step;
   options.rounds = rounds;
   options.passes = passes;
@@ -303,13 +309,16 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   for (const std::size_t kind : kinds) {
     for (Start& one : starts_of(rigid, kind)) starts.push_back(std::move(one));
   }
-  const std::vector<Segment> part = short_part(segments);
+  const std::vector<Segment> part = short_part(segments, kShortPart_s),
+                             ranked = short_part(segments, kRankedPart_s);
   const auto best_first = [](const Start& l, const Start& r) { return l.rms < r.rms; };
-  in_parallel(starts.size(), [&](std::size_t i) { starts[i].rms = rms_on(starts[i].model, part); });
+  in_parallel(starts.size(),
+              [&](std::size_t i) { starts[i].rms = rms_on(starts[i].model, ranked); });
   if (std::find(kinds.begin(), kinds.end(), kind_of<PlayMotorEncoder>()) != kinds.end()) {
     if (const auto gap = scan_gap(part, structure, rigid, encoder_step)) {
       if (auto one = start_of(rigid, *gap); one && why_invalid(one->model).empty()) {
         seek(*one, part);
+        one->rms = rms_on(one->model, ranked);
         starts.push_back(std::move(*one));
       }
     }
@@ -325,7 +334,7 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
   };
-  const bool beside = has_causes(structure),
+  const bool beside = !causes_in(structure).empty(),
              is_rigid = std::none_of(to_beat.effects.begin(), to_beat.effects.end(), vibrates);
   const std::ptrdiff_t of_kind = beside ? kTriedOfKindBesideCauses : kTriedOfKind,
                        most = beside ? kTriedStartsBesideCauses : kTriedStarts,
@@ -337,8 +346,10 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     });
     if (std::ssize(tried) < most && there < of_kind) tried.push_back(one);
   }
-  const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
-    auto found = refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes);
+  const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes,
+                       const std::vector<std::size_t>& held = {}) {
+    auto found =
+        refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes, held);
     one.rms = kUnfittedRms;
     if (found) one = {std::move(found->model), found->rms};
   };
@@ -346,12 +357,13 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   const auto rank = [&](const Start& s) {
     return s.rms / (plays(s.model) ? kMaxRmsRatioOfPlay : 1.0);
   };
-  const auto fit_and_sort = [&](std::vector<Start>& some, int rounds) {
-    in_parallel(some.size(), [&](std::size_t i) { fit(some[i], part, rounds, 1); });
+  const auto fit_and_sort = [&](std::vector<Start>& some, int rounds,
+                                const std::vector<std::size_t>& held = {}) {
+    in_parallel(some.size(), [&](std::size_t i) { fit(some[i], part, rounds, 1, held); });
     std::sort(some.begin(), some.end(),
               [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   };
-  fit_and_sort(tried, 3);
+  fit_and_sort(tried, 3, causes_in(structure));
   // What no machine has comes last.
   std::stable_partition(tried.begin(), tried.end(),
                         [&](const Start& s) { return s.rms < kUnfittedRms && plausible(s.model); });

@@ -48,11 +48,12 @@ inline constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
 [[nodiscard]] std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law);
 
 /// Fitted to the segments in free simulation from where it is, in at most so many rounds a pass
-/// (fewer with play, output_error.h);
-/// nothing without a valid fit.
+/// (fewer with play, output_error.h); the effects in these places are held. Nothing without a valid
+/// fit.
 [[nodiscard]] std::optional<TwoMassFit> refined(TwoMassFit fit,
                                                 const std::vector<Segment>& segments,
-                                                double encoder_step, int rounds, int passes);
+                                                double encoder_step, int rounds, int passes,
+                                                const std::vector<std::size_t>& held = {});
 
 /// Rounds and passes to see whether a law of friction is worth more, and to fit it.
 inline constexpr int kTryRounds = 6, kTryPasses = 1, kFitRounds = 20, kFitPasses = 2;
