@@ -75,6 +75,39 @@ TEST(LeftOut, OneStepGainsMostOfWhatARefitToTheOtherBlocksGains) {
   }
 }
 
+// Friction is held a tenth too high: the loop is fitted beside it.
+TEST(OutputError, AnEffectThatIsHeldStaysToTheLastBit) {
+  Model truth;
+  truth.sample_time_s = 1e-3;
+  truth.loop.order = 3;
+  truth.loop.denominator = {200.0, 15000.0, 400000.0};
+  truth.loop.numerator = {0.6, 90.0, 2000.0};
+  Effect friction = make_effect<Presliding>(), ripple = make_effect<Cogging>();
+  friction.coefficient[0] = 0.3;
+  ripple.coefficient[0] = 0.05;
+  truth.effects = {friction, ripple};
+  const std::vector<Segment> all{recorded(truth, 3e-7)};
+  Structure structure;
+  structure.effects = {friction.kind, ripple.kind};
+  Model off = truth;
+  off.loop.numerator[1] = 95.0;
+  off.effects[0].coefficient[0] = 0.33;
+  off.effects[1].coefficient[0] = 0.0;
+  OutputErrorOptions options;
+  options.held = {0};
+  const auto fit = output_error(all, structure, off, options);
+  ASSERT_TRUE(fit);
+  EXPECT_EQ(fit->model.effects[0].coefficient, off.effects[0].coefficient);
+  EXPECT_EQ(fit->model.effects[0].shape, off.effects[0].shape);
+  EXPECT_NEAR(fit->model.effects[1].coefficient[0], 0.05, 0.005);
+  EXPECT_NE(fit->model.loop.numerator[1], 95.0);
+  options.held.clear();
+  const auto free = output_error(all, structure, off, options);
+  ASSERT_TRUE(free);
+  EXPECT_NEAR(free->model.effects[0].coefficient[0], 0.3, 0.001);
+  EXPECT_LT(2.0 * free->minus_log_likelihood, 2.0 * fit->minus_log_likelihood - 100.0);
+}
+
 TEST(LeftOut, ABlockWithoutSamplesAndAnInvalidModelChangeNothing) {
   Model model;
   model.sample_time_s = 1e-3;
