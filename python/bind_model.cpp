@@ -315,7 +315,7 @@ void bind_model(py::module_& module) {
         }
         return {};
       },
-      "axis"_a,
+      py::arg("axis"),
       "Why nothing can be identified from this axis; empty: nothing is known against it.");
   module.def(
       "identify",

@@ -180,11 +180,12 @@ TEST(RealTimeLoop, AnotherAxisActsOnAnAxisAsInTheSimulation) {
   alone.neighbour.resize(0);
   segment.actual = alone.actual = segment.command;
   const Model model = coupled_drive();
-  const Eigen::Index settled = 500;
-  const Eigen::ArrayXd whole = simulate(model, segment).tail(whole.size() - settled);
-  const Eigen::ArrayXd without = simulate(model, alone).tail(whole.size());
+  constexpr Eigen::Index kSettled = 500;
+  const Eigen::Index count = predicted.size() - kSettled;
+  const Eigen::ArrayXd whole = simulate(model, segment).tail(count),
+                       without = simulate(model, alone).tail(count);
   const double by_other = std::sqrt((whole - without).square().mean());
-  const double wrong = std::sqrt((predicted.tail(whole.size()) - whole).square().mean());
+  const double wrong = std::sqrt((predicted.tail(count) - whole).square().mean());
   EXPECT_GT(by_other, 1e-6);
   EXPECT_LT(wrong, 0.03 * by_other) << "from the commands of the past alone";
 }
