@@ -31,9 +31,13 @@ void bind_listener(pybind11::module_& module);
 
 /// One axis of a recording, repaired and cut into segments.
 struct Axis {
-  SegmentedAxis segmented;         ///< without a command: NaN in its place
-  std::vector<std::string> notes;  ///< what was read, repaired or dropped
-  bool commanded = true;           ///< the recording has its command
+  SegmentedAxis segmented;                     ///< without a command: NaN in its place
+  std::vector<std::string> notes;              ///< what was read, repaired or dropped
+  bool commanded = true;                       ///< the recording has its command
+  std::shared_ptr<const Recording> recording;  ///< that it is of
+
+  /// With the command of the axis that this model needs beside it.
+  [[nodiscard]] SegmentedAxis for_model(const ModelRecord& record) const;
 };
 
 /// A model with where it comes from.

@@ -94,7 +94,7 @@ struct Prediction {
 };
 
 Prediction predicted(const ModelOfAxis& model, const Axis& axis) {
-  const SegmentedAxis& of = axis.segmented;
+  const SegmentedAxis of = axis.for_model(model.record);
   if (model.record.rotary != of.rotary)
     throw std::invalid_argument(std::string("the model is of a ") +
                                 (model.record.rotary ? "rotary" : "linear") + " axis, " + of.axis +
@@ -121,13 +121,22 @@ Prediction predicted(const ModelOfAxis& model, const Axis& axis) {
 
 /// The tracking error of an axis that starts at rest on its command.
 Eigen::ArrayXd simulated(const ModelOfAxis& model, const Eigen::ArrayXd& command,
-                         double sample_time_s) {
+                         const std::optional<Eigen::VectorXd>& neighbour, double sample_time_s) {
   if (command.size() == 0) throw std::invalid_argument("the command has no values");
   if (!command.isFinite().all())
     throw std::invalid_argument("the command has values that are not finite");
   if (!(sample_time_s > 0.0)) throw std::invalid_argument("sample_time_s must be positive");
+  const bool coupled = model.record.model.find(kind_of<CrossCoupling>()) != nullptr;
+  if (coupled && !neighbour)
+    throw std::invalid_argument(
+        "the model contains the acceleration of " +
+        (model.record.neighbour.empty() ? "another axis" : "axis " + model.record.neighbour) +
+        ": give its command as neighbour");
+  if (neighbour && (neighbour->size() != command.size() || !neighbour->allFinite()))
+    throw std::invalid_argument("neighbour must have as many values as the command, all finite");
   Segment segment;
   segment.sample_time_s = sample_time_s;
+  if (coupled) segment.neighbour = neighbour->array();
   segment.command = command;
   return simulate(model_at(model.record, sample_time_s), segment);
 }
@@ -253,16 +262,21 @@ void bind_model(py::module_& module) {
            "Compares the model with a recorded axis, in free simulation from the command alone.")
       .def(
           "simulate",
-          [](const ModelOfAxis& m, const Eigen::VectorXd& command, std::optional<double> h) {
+          [](const ModelOfAxis& m, const Eigen::VectorXd& command, std::optional<double> h,
+             const std::optional<Eigen::VectorXd>& neighbour) {
             Eigen::ArrayXd out;
             {
               const py::gil_scoped_release release;
-              out = simulated(m, command.array(), h.value_or(m.record.model.sample_time_s));
+              out = simulated(m, command.array(), neighbour,
+                              h.value_or(m.record.model.sample_time_s));
             }
             return array_of(out);
           },
           py::arg("command"), py::kw_only(), py::arg("sample_time_s") = py::none(),
-          "The tracking error, command minus position, of an axis that starts at rest.")
+          py::arg("neighbour") = py::none(),
+          "The tracking error, command minus position, of an axis that starts at rest; neighbour: "
+          "the "
+          "command of the axis whose acceleration the model contains.")
       .def("__repr__", [](const ModelOfAxis& m) {
         return "<servotwin.Model of axis " + m.record.axis + ", order " +
                std::to_string(m.record.model.loop.order) + ", " +
@@ -309,7 +323,7 @@ void bind_model(py::module_& module) {
       [](const Axis& axis) -> std::string {
         if (!axis.commanded) return axis.segmented.axis + ".command has no values";
         try {
-          require_motion(axis.segmented);
+          require_usable(axis.segmented);
         } catch (const std::runtime_error& error) {
           return error.what();
         }

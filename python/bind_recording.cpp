@@ -59,7 +59,15 @@ Axis axis_of(const Recording& recording, const std::optional<std::string>& given
     out.notes.push_back(name + ".command has no values: only its torque can be diagnosed");
   }
   for (const std::string& line : out.segmented.report.lines()) out.notes.push_back(line);
+  out.recording = std::make_shared<const Recording>(std::move(moved));
   return out;
+}
+
+SegmentedAxis Axis::for_model(const ModelRecord& record) const {
+  if (record.model.find(kind_of<CrossCoupling>()) == nullptr || record.neighbour.empty() ||
+      record.neighbour == segmented.neighbour)
+    return segmented;
+  return segment_axis(*recording, segmented.axis, {}, record.neighbour);
 }
 
 namespace {

@@ -58,7 +58,8 @@ void keep_commands(Recording& table, const std::vector<ModelFile>& models, const
 
 /// The command of an axis as one segment. A path is computed, not recorded, so a gap in it is an
 /// error. What was repaired in it is printed on `people`.
-Segment unbroken(const Recording& table, const std::string& axis, std::FILE* people) {
+Segment unbroken(const Recording& table, const std::string& axis, const std::string& neighbour,
+                 std::FILE* people) {
   const std::vector<double>& command =
       std::find_if(table.axes.begin(), table.axes.end(), [&](const AxisRecord& one) {
         return one.name == axis;
@@ -71,7 +72,7 @@ Segment unbroken(const Recording& table, const std::string& axis, std::FILE* peo
                              std::to_string(row + 1) + text(" (at %.6g s)", table.time[row]) +
                              "; commands are not interpolated: fill in the value");
   }
-  const SegmentedAxis segmented = segment_axis(table, axis);
+  const SegmentedAxis segmented = segment_axis(table, axis, {}, neighbour);
   const SegmentReport& report = segmented.report;
   if (segmented.segments.size() != 1 || report.short_stretches > 0) {
     throw std::runtime_error(
@@ -120,7 +121,7 @@ std::vector<CommandedAxis> read_commands(const TableOptions& options, const std:
                                listed(names));
     }
     require_kind(record, file, axis->name, axis->rotary);
-    Segment segment = unbroken(table, record.axis, people);
+    Segment segment = unbroken(table, record.axis, record.neighbour, people);
     Model model = model_at(record, segment.sample_time_s, people);
     if (!out.empty() && (segment.size() != out.front().path.size() ||
                          segment.start_s != out.front().path.start_s)) {

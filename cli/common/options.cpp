@@ -138,6 +138,10 @@ void AxisOptions::declare(OptionTable& command) {
 void AxisOptions::declare_several(OptionTable& command) {
   declare(command);
   command
+      .option("--beside", beside,
+              "axis whose acceleration may act on this one (default: the first other one)")
+      .takes("AXIS");
+  command
       .option("MORE", more,
               "further recordings of the same axis, of the same rate: used together with the "
               "first, each with a start of its own")
@@ -146,9 +150,16 @@ void AxisOptions::declare_several(OptionTable& command) {
 
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
   const Recording whole = recording.read(people, axis);
-  SegmentedAxis out = segmented(whole, axis_of(whole, axis), people);
+  SegmentedAxis out = segmented(whole, axis_of(whole, axis), people, beside);
+  require_beside(out);
   read_more(out, people);
   return out;
+}
+
+void AxisOptions::require_beside(const SegmentedAxis& read) const {
+  if (beside.empty() || read.neighbour == beside) return;
+  throw std::runtime_error(read.source + ": has no axis " + in_quotes(beside) + " beside " +
+                           read.axis + " with commands at the same times (--beside)");
 }
 
 void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
@@ -161,7 +172,7 @@ void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
     RecordingOptions one = recording;
     one.file = file;
     const Recording whole = one.read(people, read.axis);
-    SegmentedAxis next = segmented(whole, read.axis, people);
+    SegmentedAxis next = segmented(whole, read.axis, people, beside);
     if (const double ratio = common_over_own(read.segments, next.segments);
         ratio > kMaxCommonOverOwn)
       say(people,

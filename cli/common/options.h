@@ -59,12 +59,15 @@ struct AxisOptions {
   RecordingOptions recording;
   std::vector<std::filesystem::path> more;  ///< further recordings of the same axis
   std::string axis;
+  std::string beside;  ///< the axis whose acceleration may act on it; empty: the first other one
 
   void declare(OptionTable& command);
-  /// Also MORE..
+  /// Also --beside and MORE..
   void declare_several(OptionTable& command);
   /// Reads the axis and prints on `people` what was read.
   [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
+  /// Throws where --beside names an axis that the recording does not have.
+  void require_beside(const SegmentedAxis& read) const;
   /// Adds the further recordings to the first one, read before.
   void read_more(SegmentedAxis& axis, std::FILE* people) const;
   /// The names of the files, without their folders.

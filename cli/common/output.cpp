@@ -58,6 +58,10 @@ void say(std::FILE* people, std::string_view line) {
   if (!quiet) put_line(people, line);
 }
 
+void tell(std::FILE* people, std::string_view line) {
+  if (!quiet || people == stdout) put_line(people, line);
+}
+
 void complain(std::string_view line) { put_line(stderr, line); }
 
 void write_line(std::string_view line) { put_line(stdout, line); }

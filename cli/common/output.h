@@ -30,6 +30,8 @@ namespace servotwin::cli {
 void keep_quiet();
 /// Prints one line of text for people.
 void say(std::FILE* people, std::string_view line);
+/// The same of what was asked for: a verdict, a figure. On standard output also after keep_quiet().
+void tell(std::FILE* people, std::string_view line);
 /// Prints one line of an error on standard error, also after keep_quiet(). For work that goes on;
 /// an error that ends it is thrown.
 void complain(std::string_view line);

@@ -127,7 +127,8 @@ double moved_s(const Segment& segment) {
 }
 
 RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
-                            const ModelRecord& record, double needed_s) {
+                            const ModelRecord& record, const std::string& neighbour,
+                            double needed_s) {
   // A recording is called after its begin, without colons: 2026-01-31T120000.000Z.csv.
   std::string made = record.created;
   std::erase(made, ':');
@@ -143,7 +144,7 @@ RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
   for (const fs::path& file : files) {
     if (out.moved_s >= needed_s) break;
     const Recording recording = read_recording(file, {});
-    const SegmentedAxis part = segment_axis(recording, axis, {}, record.neighbour);
+    const SegmentedAxis part = segment_axis(recording, axis, {}, neighbour);
     MachineDescription machine{part.sample_time_s, {}};
     for (const AxisRecord& one : recording.axes)
       machine.axes.push_back({one.name, one.rotary, one.torque_unit});
@@ -199,7 +200,9 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record) {
   if (!arguments.force) {
     const daemon::PromotionRule rule;
     const RecordedMotion motion =
-        motion_since(arguments.store / "recordings" / machine, axis, record, rule.judge_s);
+        motion_since(arguments.store / "recordings" / machine, axis, record,
+                     record.neighbour.empty() && !first ? held->record.neighbour : record.neighbour,
+                     rule.judge_s);
     if (record.created.empty())
       throw std::runtime_error(arguments.model.string() +
                                ": does not say when it was made, so that no recording is known to "

@@ -1,6 +1,7 @@
 // servotwin diagnose: what the simulation of an axis gets wrong, its causes, and what naming them
 // gains.
 #include "diagnosis/search/diagnose.h"
+#include "diagnosis/search/extension.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +16,7 @@
 #include "cli/common/options.h"
 #include "cli/common/output.h"
 #include "diagnosis/evidence/encoder_difference.h"
+#include "diagnosis/report/cause_words.h"
 #include "diagnosis/report/diagnosis_file.h"
 #include "diagnosis/report/in_short.h"
 #include "diagnosis/report/report.h"
@@ -197,7 +199,7 @@ void run_on_torque(const DiagnoseArguments& arguments, const SegmentedAxis& axis
     write_json(arguments.result, result);
   }
   say(people, "");
-  for (const std::string& sentences : in_short(torque, reason)) say(people, sentences);
+  for (const std::string& sentences : in_short(torque, reason)) tell(people, sentences);
   if (!arguments.report.empty())
     write_result(arguments.report, torque_page(torque, axis.source, reason));
 }
@@ -219,7 +221,11 @@ void run(const DiagnoseArguments& arguments) {
   Recording recording = arguments.input.recording.read(people, arguments.input.axis);
   const std::string name = axis_of(recording, arguments.input.axis);
   const bool commanded = !without_command(recording, name);
-  SegmentedAxis axis = segmented(recording, name, people);
+  std::string beside = arguments.input.beside;
+  if (beside.empty() && !arguments.earlier.empty())
+    beside = read_model(arguments.earlier).neighbour;
+  SegmentedAxis axis = segmented(recording, name, people, beside);
+  arguments.input.require_beside(axis);
   arguments.input.read_more(axis, people);
   if (!commanded) {
     run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",
@@ -230,7 +236,11 @@ void run(const DiagnoseArguments& arguments) {
   try {
     Progress progress("diagnosing " + axis.axis);
     DiagnoseOptions options = arguments.options;
-    options.progress = [&](std::string_view what) { progress.trying(what); };
+    options.progress = [&](std::string_view what) {
+      const std::size_t kind = kind_of(what);
+      progress.trying(kind < kEffectKinds && !cause_of(kind).empty() ? plain_name(cause_of(kind))
+                                                                     : std::string(what));
+    };
     diagnosis = arguments.earlier.empty() ? diagnose(axis, options)
                                           : compare(axis, read_model(arguments.earlier), options);
   } catch (const UnusableRecording&) {
@@ -269,7 +279,7 @@ void run(const DiagnoseArguments& arguments) {
     write_json(arguments.result, result);
   }
   say(people, "");
-  for (const std::string& sentences : in_short(diagnosis, torque)) say(people, sentences);
+  for (const std::string& sentences : in_short(diagnosis, torque)) tell(people, sentences);
   if (!arguments.report.empty())
     write_result(arguments.report,
                  report_html(diagnosis, axis.segments, axis.source, torque, encoders));

@@ -103,7 +103,7 @@ void say_result(std::FILE* people, const Identified& identified,
     say(people, "tried       validation RMS, within the training data");
   std::size_t hidden = 0;
   for (const StructureTrial& trial : identified.trials) {
-    if (!trial.ruled_out.empty() && !details) {
+    if (!trial.ruled_out.empty() && !trial.chosen && !details) {
       ++hidden;
       continue;
     }
@@ -113,7 +113,9 @@ void say_result(std::FILE* people, const Identified& identified,
             : "   no fit";
     say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
                     structure_text(trial.order, trial.effects, trial.modes, trial.moving) +
-                    (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
+                    (trial.ruled_out.empty() ? ""
+                     : trial.chosen          ? "  [no other passes; " + trial.ruled_out + "]"
+                                             : "  [ruled out: " + trial.ruled_out + "]"));
   }
   if (hidden > 0)
     say(people, text("               %zu more ruled out; --details tells why", hidden));
@@ -135,7 +137,7 @@ void say_result(std::FILE* people, const Identified& identified,
              record.training.rms / record.noise_floor.rms));
   }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
-  say(people, "verdict     " + verdict_text(identified, segments));
+  tell(people, "verdict     " + verdict_text(identified, segments));
   say(people, text("time taken  %9.3f s, %s", record.time_taken_s, record.method.c_str()));
 }
 

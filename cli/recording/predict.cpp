@@ -288,7 +288,7 @@ void print(const PredictedAxis& one, std::FILE* people) {
             (std::isfinite(judged.figures.rms) ? figures_text(judged.figures, rotary)
                                                : "too short for an initial state, not evaluated"));
   }
-  say(people, "all                    " + figures_text(one.all, rotary));
+  tell(people, "all                    " + figures_text(one.all, rotary));
   say(people, "noise floor            " + noise_floor_text(one.noise_floor, rotary));
   if (const double error = tracking_error_rms(one.model, one.axis.segments); one.all.rms > error) {
     say(people, text("note: the tracking error itself is %s RMS only: this model predicts worse "
@@ -332,7 +332,7 @@ void run(PredictArguments arguments) {
     say(people, "\ncontour error of the linear axes:");
     say(people, "predicted              " + figures_text(contour->predicted, false));
     say(people, "measured               " + figures_text(contour->measured, false));
-    say(people, "measured - predicted   " + figures_text(contour->residual, false));
+    tell(people, "measured - predicted   " + figures_text(contour->residual, false));
   } else if (count > 1) {
     say(people, same_segments(all)
                     ? "\nnote: no contour error: a path has two to five linear axes"

@@ -245,11 +245,16 @@ bool IdentificationWorker::look(std::size_t axis) {
   return until_s.has_value();
 }
 
+std::string IdentificationWorker::beside(std::size_t axis) const {
+  if (axes_.size() < 2) return {};
+  return axes_[axis == 0 ? 1 : 0].name;
+}
+
 SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   const double before_s = std::exchange(state.sorted_s, until_s);
-  SegmentedAxis motion =
-      segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), state.name);
+  SegmentedAxis motion = segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"),
+                                      state.name, {}, beside(axis));
   const EvidenceSeconds fresh = state.evidence.take(motion.segments, before_s, state.moved_s);
   for (const Evidence e : {Evidence::kFastMotion, Evidence::kSlowReversals, Evidence::kStandstill})
     state.fresh.of(e) += fresh.of(e);
@@ -414,11 +419,16 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
       throw std::runtime_error(
           "the held-out motion is no longer in memory; the processor is too busy");
     }
-    // A coupling is judged with the axis that it is to.
-    const std::string& beside = candidate.identified.record.neighbour;
+    // A coupling is judged with the axis that it is to: that of the candidate, else of the other.
+    const auto coupled = [](const Model* one) {
+      return one != nullptr && one->find(kind_of<CrossCoupling>()) != nullptr;
+    };
+    const std::string beside = coupled(&model)  ? candidate.identified.record.neighbour
+                               : coupled(other) ? state.in_force->record.neighbour
+                                                : std::string();
     const std::vector<Segment> remembered =
         segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), state.name, {},
-                     model.find(kind_of<CrossCoupling>()) != nullptr ? beside : std::string())
+                     beside)
             .segments;
     const double after_s = candidate.until_s + 0.5 * machine_.cycle_s;  // that sample was seen
     const std::vector<Segment> held_out =

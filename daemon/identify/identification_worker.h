@@ -109,6 +109,9 @@ class IdentificationWorker {
   /// Makes it the candidate, or refuses it at once if it must not be used.
   void consider(std::size_t axis, Pending candidate);
   void cite(Pending& candidate, double from_s, double until_s) const;
+  /// The axis whose acceleration is sought in the error of this one: the first other one; always
+  /// the same, because the evidence of hours is fitted together.
+  [[nodiscard]] std::string beside(std::size_t axis) const;
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
   void seek(std::size_t axis, double until_s, const SegmentedAxis& motion,

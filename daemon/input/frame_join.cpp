@@ -78,7 +78,9 @@ bool FrameJoin::between(std::int64_t moment_ns, Between& out) const noexcept {
     // The parabola through one sample more: at 5 m/s^2 a straight line between samples 1 ms apart
     // misses 0.6 um.
     const auto last_step = static_cast<double>(between_ns(time(i + 2), before));
-    if (!(last_step > 0.0 && last_step <= static_cast<double>(wait_ns_))) return true;
+    // With a short step before a long one it would make ten of the noise of a reading.
+    constexpr double kMinRatio = 0.5;
+    if (!(last_step >= kMinRatio * step && last_step <= static_cast<double>(wait_ns_))) return true;
     out.samples[0] = &back(i + 2);
     out.weights = {x * (x - step) / (last_step * (last_step + step)),
                    (x + last_step) * (step - x) / (last_step * step),

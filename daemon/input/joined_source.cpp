@@ -124,14 +124,14 @@ std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
              " is taken at the time of each cycle",
          true});
   } else if (!now.settled && reported_settled_) {
-    std::string which;
-    for (std::size_t stream = 0; stream < known_.size(); ++stream) {
-      if (!known_[stream].load(std::memory_order_relaxed))
-        which += (which.empty() ? "" : " and that of ") + parts_[stream].name;
-    }
-    // It may be known again already.
-    lines.push_back({"the clock of " + (which.empty() ? first + " or " + second : which) +
-                     " was set: nothing from " + second + " is used until it is known again"});
+    const bool of_first = !known_[0].load(std::memory_order_relaxed),
+               of_second = !known_[1].load(std::memory_order_relaxed);
+    // Where both or none are unknown by now, either may have been set.
+    const std::string which = of_first == of_second ? first + " or " + second
+                              : of_first            ? first
+                                                    : second;
+    lines.push_back({"the clock of " + which + " was set: nothing from " + second +
+                     " is used until both are known again"});
   }
   reported_settled_ = now.settled;
   if (now.settled || state(now_ns).silent) {

@@ -58,13 +58,22 @@ void AxisLoop::forget() noexcept {
 
 std::array<double, 4> AxisLoop::last_of(std::span<const AxisLoop> all, int axis,
                                         std::uint64_t back) noexcept {
-  std::array<double, 4> out{};
+  std::array<double, 4> out;
+  out.fill(kAbsent);
   if (axis < 0) return out;
   const AxisLoop& of = all[static_cast<std::size_t>(axis)];
   if (of.count_ < back + out.size() || back + out.size() > kHistory) return out;
   for (std::size_t i = 0; i < out.size(); ++i)
     out[i] = of.history_[(of.count_ - 1 - back - i) % kHistory];
   return out;
+}
+
+std::array<double, 4> AxisLoop::acting(const std::array<double, 4>& last) noexcept {
+  constexpr double kFarthest = 1.0;  // that an axis moves in four cycles [m | rad]
+  const auto [least, most] = std::minmax_element(last.begin(), last.end());
+  const bool moves =
+      std::all_of(last.begin(), last.end(), [](double x) { return std::isfinite(x); });
+  return moves && *most - *least < kFarthest ? last : std::array<double, 4>{};
 }
 
 double AxisLoop::catch_up(std::span<const AxisLoop> all) noexcept {
@@ -75,7 +84,8 @@ double AxisLoop::catch_up(std::span<const AxisLoop> all) noexcept {
       next_.twin.start(command);
       error = command - next_.twin.position();
     } else {
-      error = next_.twin.follow(command, last_of(all, next_.neighbour, count_ - 1 - next_fed_));
+      error =
+          next_.twin.follow(command, acting(last_of(all, next_.neighbour, count_ - 1 - next_fed_)));
     }
     ++next_run_;
   }
@@ -108,7 +118,7 @@ AxisPrediction AxisLoop::predict(std::span<const AxisLoop> all) noexcept {
       error = command - in_force_.twin.position();
       run_ = 1;
     } else {
-      error = in_force_.twin.follow(command, last_of(all, in_force_.neighbour, 0));
+      error = in_force_.twin.follow(command, acting(last_of(all, in_force_.neighbour, 0)));
       ++run_;
     }
   }
@@ -143,7 +153,7 @@ void AxisLoop::look_ahead(std::span<const AxisLoop> all, std::span<const double>
   Twin twin = in_force_.twin;
   for (std::size_t k = 0; k < commands.size(); ++k) {
     last = {of_neighbour[k], last[0], last[1], last[2]};
-    errors[k] = twin.follow(commands[k], last);
+    errors[k] = twin.follow(commands[k], acting(last));
   }
 }
 

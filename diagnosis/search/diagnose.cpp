@@ -376,7 +376,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     if (const std::string id = cause_of(effect.kind); !id.empty() && causes.count(id) == 0)
       causes[id].kind = effect.kind;
   }
-  options.begin("the model without each cause");
+  options.begin("each cause left out");
   const GainOfCauses gain(out.baseline.model, extended, selected, search, holdout);
   for (const auto& [id, one] : causes) {
     if (extended.find(one.kind) != nullptr) out.causes.push_back(gain.of(id, one));

@@ -13,7 +13,6 @@ Channels::Channels(const std::vector<Segment>& segments, bool encoder_in_loop)
   for (const Segment& s : segments) {
     neighbour = neighbour && s.neighbour.size() == s.size();
     in_cut = in_cut && s.in_cut.size() == s.size();
-    torque = torque && s.torque.size() == s.size();
   }
   rests = excitation_of(segments).rest_share >= kMinRestShare;
 }
@@ -45,8 +44,6 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
     if (kind == kind_of<CuttingForce>() && !channels.in_cut) continue;
     if (kind == kind_of<DwellStiction>() && !channels.rests) continue;
     if (kind == kind_of<SwingingLoad>() && !channels.rotary) continue;
-    // Moments at the limit that the torque shows are left out before (identification/torque).
-    if (kind == kind_of<TorqueSaturation>() && channels.torque) continue;
     if (identity.acts == Acts::kReading && !channels.reading) continue;
     out.push_back(kind);
   }

@@ -17,7 +17,6 @@ struct Channels {
   bool reading = true;    ///< errors of the reading: the encoder is not that of the position loop
   bool rests = true;      ///< the axis rests; reversals of a smooth motion do not count
   bool rotary = false;    ///< a load may swing with the axis
-  bool torque = true;     ///< the motor's torque, which shows whether it is at its limit
   explicit Channels(const std::vector<Segment>& segments, bool encoder_in_loop = false);
 };
 

@@ -65,7 +65,7 @@ void Selector::add_causes() {
 }
 
 void Selector::settle() {
-  options_.begin("the present model again");
+  options_.begin("to refine the model");
   search_.polish(now_.current);
   search_.follow(now_.current);
   now_.as_is = now_.current;

@@ -263,24 +263,11 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, dou
   return out;
 }
 
-Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
-  if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
-  const double share = options.training_share.value_or(training_share_of(axis.segments));
-  if (!(share >= 0.1 && share <= 0.95)) {
-    throw std::invalid_argument(message("training share = ", share, " must be from 0.1 to 0.95"));
-  }
-  if (options.masses != Masses::kRigid &&
-      (options.method != Method::kJoint || options.modes > 0 || options.start))
-    throw std::invalid_argument(
-        "two masses are identified by the joint method, without modes and without an earlier "
-        "model");
+void require_usable(const SegmentedAxis& axis, const IdentifyOptions& options) {
   require_motion(axis);
-  if (options.coupling && axis.segments.front().neighbour.size() == 0)
-    throw std::runtime_error(
-        axis.axis +
-        ": no other axis in the recording has segments with the same sample times, so that no "
-        "coupling can be identified");
-  const auto [training, holdout] = split(axis.segments, share, options.split_each);
+  const auto [training, holdout] =
+      split(axis.segments, options.training_share.value_or(training_share_of(axis.segments)),
+            options.split_each);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
     throw std::runtime_error(message(
         axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
@@ -292,6 +279,26 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     throw std::runtime_error(axis.axis +
                              ".actual is equal to the command in every sample: record the encoder, "
                              "not a copy of the command");
+}
+
+Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
+  if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
+  const double share = options.training_share.value_or(training_share_of(axis.segments));
+  if (!(share >= 0.1 && share <= 0.95)) {
+    throw std::invalid_argument(message("training share = ", share, " must be from 0.1 to 0.95"));
+  }
+  if (options.masses != Masses::kRigid &&
+      (options.method != Method::kJoint || options.modes > 0 || options.start))
+    throw std::invalid_argument(
+        "two masses are identified by the joint method, without modes and without an earlier "
+        "model");
+  require_usable(axis, options);
+  if (options.coupling && axis.segments.front().neighbour.size() == 0)
+    throw std::runtime_error(
+        axis.axis +
+        ": no other axis in the recording has segments with the same sample times, so that no "
+        "coupling can be identified");
+  const auto [training, holdout] = split(axis.segments, share, options.split_each);
 
   const std::vector<Segment> judged_on = with_lead_in(holdout, axis.segments);
 

@@ -74,9 +74,13 @@ struct Identified {
   std::string exchanged;
 };
 
-/// Throws std::runtime_error, with the remedy, if the data cannot be identified (no motion, too
-/// short); std::invalid_argument for options out of range. Any thread. Does not read the clock: the
-/// caller sets `created` and `time_taken_s`.
+/// Throws std::runtime_error, with the remedy, if nothing can be identified from the recording
+/// whatever is fitted: no motion, too short, a copy of the command. Any thread.
+void require_usable(const SegmentedAxis& axis, const IdentifyOptions& options = {});
+
+/// Throws std::runtime_error, with the remedy, if the data cannot be identified (as above);
+/// std::invalid_argument for options out of range. Any thread. Does not read the clock: the caller
+/// sets `created` and `time_taken_s`.
 [[nodiscard]] Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options = {});
 
 /// The residual of free simulation over all segments, without the samples that determine the

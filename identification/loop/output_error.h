@@ -31,7 +31,7 @@ struct OutputErrorOptions {
   double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
   int passes = 6;             ///< how often sigma is estimated at most
   bool covariance = true;     ///< false: not computed, which saves a simulation
-  std::vector<std::size_t> held = {};  ///< places of effects that stay as they are
+  std::vector<std::size_t> held = {};  ///< places of effects that are not fitted
 };
 
 struct OutputErrorFit {

@@ -334,6 +334,10 @@ SegmentedAxis segmented(const Recording& recording, std::string_view axis,
 
   Cutter cutter(stamps, channels, limits, out);
   cutter.run();
+  if (out.segments.empty() && rows < static_cast<std::size_t>(limits.shortest))
+    throw std::runtime_error(recording.source + ": axis " + record.name + " has " +
+                             count(rows, "row") + "; at least " + std::to_string(limits.shortest) +
+                             " are needed");
   if (out.segments.empty()) {
     throw std::runtime_error(recording.source + ": axis " + record.name + " has no segment of " +
                              std::to_string(limits.shortest) +

@@ -15,6 +15,7 @@ which argument is out of range.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any, Mapping, Sequence
 
@@ -134,10 +135,12 @@ class Check:
 
 
 def check(axis: Axis | Recording) -> Check:
-    """Whether identify() and diagnose() can use this axis, before anything is fitted.
+    """Whether something can be identified from this axis, before anything is fitted.
 
-    False where it rests, has no command or no encoder, or moves as no machine does (wrong unit). What
-    only a fit shows (exchanged columns, too few samples a second) is said by that fit.
+    False where it rests, is too short, has no command or no encoder, has a copy of the command in its
+    place, or moves as no machine does (wrong unit). What only a fit shows (exchanged columns, an
+    encoder that has nothing to do with the command, too few samples a second) the result of identify()
+    says in its refusals.
     """
     one = _one_axis(axis, "check")
     return Check(_core.why_unusable(one), list(one.notes))
@@ -226,12 +229,16 @@ def learn(
     pole and coefficient, None for what the model states. peak [m | rad] and rate [m/s | rad/s] limit
     the correction. Ctrl-C ends it after its present trial.
     """
+    if not isinstance(models, Model) and not isinstance(models, (list, tuple)):
+        raise TypeError(f"learn takes models, as identify(..).model; this is of the type {type(models).__name__}")
     several = [models] if isinstance(models, Model) else list(models)
     for model in several:
         if not isinstance(model, Model):
             raise TypeError(f"learn takes models, as identify(..).model; this is of the type {type(model).__name__}")
     names = [model.axis for model in several]
     by_axis, step = _commands(commands, names)
+    if sample_time_s is not None and step is not None and sample_time_s != step:
+        raise ValueError(f"sample_time_s is of arrays; the commands of this axis have cycles of {step:g} s")
     if sample_time_s is None:
         sample_time_s = step if step is not None or not several else several[0].sample_time_s
     missing = [name for name in names if name not in by_axis]
@@ -256,14 +263,27 @@ def compensate(
     commands: Axis | Recording | Mapping[str, Any] | Any,
     *,
     sample_time_s: float | None = None,
-    **limits: Any,
+    uncertainty: float | None = None,
+    peak: float | None = None,
+    rate: float | None = None,
 ) -> dict[str, numpy.ndarray]:
     """The commands by which the axes follow `commands`, by the inverse of their models, in one step.
 
-    The corrected commands [m | rad] by axis: those of learn(.., method="feedforward"), which takes the
-    same limits (bandwidth_hz, uncertainty, peak, rate) and says what the correction gains.
+    The corrected commands [m | rad] by axis: those of learn(.., method="feedforward"), which says what
+    they gain. What it notes is a warning here.
     """
-    return learn(models, commands, sample_time_s=sample_time_s, method="feedforward", **limits).corrected
+    correction = learn(
+        models,
+        commands,
+        sample_time_s=sample_time_s,
+        method="feedforward",
+        uncertainty=uncertainty,
+        peak=peak,
+        rate=rate,
+    )
+    for note in correction.notes:
+        warnings.warn(note, stacklevel=2)
+    return correction.corrected
 
 
 def _commands(commands: Any, names: Sequence[str]) -> tuple[dict[str, Any], float | None]:

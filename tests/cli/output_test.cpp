@@ -1,6 +1,7 @@
 // Text for people: --quiet, and progress in a pipe.
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -87,6 +88,18 @@ TEST_F(Quiet, PrintsNothingWhereNoResultIsAskedFor) {
   const Answer answer = simulate({}, {"--quiet"});
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out + answer.err, IsEmpty());
+}
+
+TEST_F(Quiet, PrintsTheFigureThatIsAskedFor) {
+  folder_.write("r.csv", recording(
+                             12'000, [](int k) { return cell(rich_motion(1e-3 * k)); },
+                             [](int k) { return cell(rich_motion(1e-3 * (k - 9))); }));
+  const Answer answer =
+      servotwin_says({"predict", folder_ / "r.csv", "--model", model_, "--quiet"});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_TRUE(answer.out.starts_with("all  ")) << answer.out;
+  EXPECT_EQ(std::count(answer.out.begin(), answer.out.end(), '\n'), 1) << answer.out;
+  EXPECT_THAT(answer.err, IsEmpty());
 }
 
 TEST_F(Quiet, LeavesErrorsAlone) {

@@ -104,7 +104,7 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   };
   const Diagnosis diagnosis = diagnose(axis, options);
   EXPECT_THAT(tried, IsSupersetOf({"the loop and its friction", "presliding", "backlash",
-                                   "the model without each cause"}));
+                                   "each cause left out"}));
   EXPECT_THAT(ids(diagnosis), ElementsAre("presliding"));
   EXPECT_EQ(diagnosis.verdict, Verdict::kExplained);
   EXPECT_LT(diagnosis.extended.holdout.rms, 0.07e-6);  // of an encoder of 0.1 um

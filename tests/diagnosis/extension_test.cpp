@@ -8,9 +8,7 @@
 namespace servotwin {
 namespace {
 
-using testing::Contains;
 using testing::ElementsAre;
-using testing::Not;
 
 TEST(Extension, WithoutACauseWhatItsEffectReplacedReturns) {
   const Structure law{2, {kind_of<PreslidingStribeck>(), kind_of<Cogging>()}};
@@ -30,20 +28,6 @@ TEST(Extension, WithoutWhatIsNotInItAStructureStaysAsItIs) {
        {kind_of<ConstantForce>(), kind_of<Cogging>(), kind_of<PreslidingStribeck>()}) {
     EXPECT_EQ(without(base, "presliding", kind).effects, base.effects);
   }
-}
-
-// A recorded torque shows by itself whether the motor is at its limit.
-TEST(Extension, ALimitOfTheMotorIsSoughtInThePositionWhereNoTorqueIsRecorded) {
-  Segment segment;
-  segment.sample_time_s = 1e-3;
-  segment.command = segment.actual = Eigen::ArrayXd::LinSpaced(100, 0.0, 1e-3);
-  const auto sought = [&] {
-    const Channels channels({segment});
-    return candidates_of({2, {kind_of<CoulombFriction>()}}, {}, {}, channels);
-  };
-  EXPECT_THAT(sought(), Contains(kind_of<TorqueSaturation>()));
-  segment.torque = segment.command;
-  EXPECT_THAT(sought(), Not(Contains(kind_of<TorqueSaturation>())));
 }
 
 }  // namespace

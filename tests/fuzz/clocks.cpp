@@ -1,5 +1,6 @@
-// Two sources as one machine: whatever their stamps, arrivals and losses are, every cycle of the
-// first comes once and in order, and what the second adds lies near what it sent.
+// Two sources as one machine: whatever their stamps, arrivals and losses are, a cycle of the first
+// comes at most once and in order, and what the second adds is absent or within what a parabola
+// makes of what it sent. That it is added at all, tests/daemon/input/frame_join_test.cpp shows.
 //
 // Input: events of six bytes: what happens, its value, by how much the stamp goes on [50 us], by
 // how much the host's clock does [50 us].
@@ -24,7 +25,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
       fuzz::require(frame.sequence >= taken && frame.sequence < given);
       taken = frame.sequence + 1;
       fuzz::require(frame.axes[0].command == static_cast<double>(frame.sequence));
-      // A parabola through three samples, the middle one at most a sample away.
+      // Three samples, the first step at least half as long as the second.
       const double actual = frame.axes[0].actual;
       fuzz::require(std::isnan(actual) || std::abs(actual) <= 4.0 * largest);
       fuzz::require(std::abs(join.clocks().drift) <= 1e-3 && !std::isnan(join.clocks().ahead_s));

@@ -243,12 +243,15 @@ class Arrays(AnAxis):
         for command, actual, unit, said in (
             (0.0 * moves, moves, "mm", "X.command does not move"),
             (300.0 * moves, 299.0 * moves, "m", "is it mm?"),
+            (moves, moves, "mm", "not a copy of the command"),
         ):
             found = servotwin.check(
                 servotwin.recording({"time[s]": time, f"X.command[{unit}]": command, f"X.actual[{unit}]": actual})
             )
             self.assertFalse(found)
             self.assertIn(said, found.why_not)
+        short = servotwin.recording({"time[s]": time[:50], "X.command[mm]": moves[:50], "X.actual[mm]": 0.9 * moves[:50]})
+        self.assertIn("too few", servotwin.check(short).why_not)
         alone = servotwin.recording({"time[s]": time, "X.actual[mm]": moves, "X.torque[Nm]": moves})
         self.assertIn("X.command has no values", servotwin.check(alone).why_not)
 
@@ -313,6 +316,16 @@ class Errors(AnAxis):
                 servotwin.diagnose(self.axis, **options)
         with self.assertRaisesRegex(TypeError, "diagnose takes an axis.*str"):
             servotwin.diagnose("axis.csv")
+
+    def test_of_a_compensation(self):
+        axis = servotwin.read(RECORDING, **PART)["X"]
+        found = servotwin.identify(axis)
+        with self.assertRaisesRegex(TypeError, "learn takes models.*Identification"):
+            servotwin.compensate(found, axis)
+        with self.assertRaisesRegex(ValueError, "cycles of 0.001 s"):
+            servotwin.compensate(found.model, axis, sample_time_s=4e-3)
+        with self.assertWarnsRegex(UserWarning, "not reliable"):
+            servotwin.compensate(found.model, 1.8 * axis.command)
 
     def test_of_a_correction(self):
         model, command = self.found.model, self.axis.command

@@ -204,7 +204,7 @@ TEST(RealTimeLoop, WhatIsPredictedAheadBesideAnotherAxisComesTrue) {
     }
     all.push_back(loop.put(frame));
   }
-  for (std::size_t k = 3; k + kAhead < all.size(); ++k) {
+  for (std::size_t k = 0; k + kAhead < all.size(); ++k) {
     for (std::size_t i = 0; i < kAhead; ++i) {
       ASSERT_EQ(all[k].ahead[0][i], all[k + 1 + i].axes[0].predicted_error) << k << " + " << i + 1;
     }
@@ -217,9 +217,21 @@ TEST(RealTimeLoop, ANeighbourWithoutACommandActsOnNobody) {
   alone.models[0].publish(in_force(coupled_drive()));
   for (std::uint64_t k = 0; k < 300; ++k) {
     MachineFrame frame = loop.frame(k);
-    frame.axes[1].command = k % 3 == 0 ? NAN : 1e300;
-    const AxisPrediction prediction = loop.put(frame).axes[0];
-    ASSERT_EQ(prediction.predicted_error, alone.put(k).axes[0].predicted_error) << k;
+    // Absent, from now and then one to four in a row, and mad for fifty cycles.
+    frame.axes[1].command = k < 100 || k % 5 == 0 ? NAN : k % 2 == 0 ? 1e300 : -1e300;
+    frame.ahead_count = 2;
+    for (std::uint64_t i = 0; i < 2; ++i) {
+      frame.ahead[0][i] = loop.frame(k + 1 + i).axes[0].command;
+      frame.ahead[1][i] = i == 0 ? 0.4 : NAN;
+    }
+    const MachinePrediction prediction = loop.put(frame);
+    MachineFrame own = alone.frame(k);
+    own.ahead_count = 2;
+    own.ahead[0] = frame.ahead[0];
+    const MachinePrediction of_alone = alone.put(own);
+    ASSERT_EQ(prediction.axes[0].predicted_error, of_alone.axes[0].predicted_error) << k;
+    for (std::size_t i = 0; i < 2; ++i)
+      ASSERT_EQ(prediction.ahead[0][i], of_alone.ahead[0][i]) << k;
   }
 }
 

@@ -49,6 +49,24 @@ TEST(Segments, WithoutEncoderAndTorqueTheyAreEmpty) {
   EXPECT_EQ(axis.torque_unit, "");
 }
 
+TEST(Segments, TheNeighbourIsTheOneThatIsNamedElseTheFirst) {
+  Recording r = sampled(grid(2000, 0.001));
+  for (const char* name : {"Q", "Y"}) {
+    AxisRecord other = r.axes[0];
+    other.name = name;
+    for (double& x : other.command) x *= name[0] == 'Q' ? 2.0 : 3.0;
+    r.axes.push_back(std::move(other));
+  }
+  const auto beside = [&](const char* name) { return segment_axis(r, "X", {}, name); };
+  const double own = beside("").segments[0].command(1500);
+  EXPECT_EQ(beside("").neighbour, "Q");
+  EXPECT_DOUBLE_EQ(beside("").segments[0].neighbour(1500), 2.0 * own);
+  EXPECT_EQ(beside("Y").neighbour, "Y");
+  EXPECT_DOUBLE_EQ(beside("Y").segments[0].neighbour(1500), 3.0 * own);
+  EXPECT_EQ(beside("Z").neighbour, "");
+  EXPECT_EQ(beside("Z").segments[0].neighbour.size(), 0);
+}
+
 // Gaps.
 
 struct GapCase {
