@@ -62,8 +62,8 @@ std::array<double, 4> AxisLoop::last_of(std::span<const AxisLoop> all, int axis,
   out.fill(kAbsent);
   if (axis < 0) return out;
   const AxisLoop& of = all[static_cast<std::size_t>(axis)];
-  if (of.count_ < back + out.size() || back + out.size() > kHistory) return out;
-  for (std::size_t i = 0; i < out.size(); ++i)
+  for (std::size_t i = 0; i < out.size() && back + i < std::min<std::uint64_t>(of.count_, kHistory);
+       ++i)
     out[i] = of.history_[(of.count_ - 1 - back - i) % kHistory];
   return out;
 }

@@ -469,6 +469,8 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
     r = missed(coordinates.model(x.data()), segments, settled);
   }
   fit.model = coordinates.model(x.data());
+  // Their coordinates are logarithms, and lose the last digit.
+  for (const std::size_t place : options.held) fit.model.effects[place] = start.effects[place];
 
   const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
   for (const double value : r) fit.minus_log_likelihood += likelihood.minus_log_likelihood(value);

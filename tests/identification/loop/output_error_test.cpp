@@ -99,12 +99,12 @@ TEST(OutputError, AnEffectThatIsHeldStaysToTheLastBit) {
   ASSERT_TRUE(fit);
   EXPECT_EQ(fit->model.effects[0].coefficient, off.effects[0].coefficient);
   EXPECT_EQ(fit->model.effects[0].shape, off.effects[0].shape);
-  EXPECT_NEAR(fit->model.effects[1].coefficient[0], 0.05, 0.005);
+  EXPECT_NEAR(fit->model.effects[1].coefficient[0], 0.05, 0.01);
   EXPECT_NE(fit->model.loop.numerator[1], 95.0);
   options.held.clear();
   const auto free = output_error(all, structure, off, options);
   ASSERT_TRUE(free);
-  EXPECT_NEAR(free->model.effects[0].coefficient[0], 0.3, 0.001);
+  EXPECT_NEAR(free->model.effects[0].coefficient[0], 0.3, 0.003);
   EXPECT_LT(2.0 * free->minus_log_likelihood, 2.0 * fit->minus_log_likelihood - 100.0);
 }
 

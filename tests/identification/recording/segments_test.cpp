@@ -219,8 +219,10 @@ TEST(Segments, RefusesWhatIsNoRecordingOfTheAxis) {
           {"time does not advance", "0.5 s in every row"});
   refuses(sampled(grid(100, 0.001), std::vector<double>(100, kAbsent)), "X",
           {"time does not advance"});
-  refuses(sampled(grid(9, 0.001)), "X",
-          {"no segment of 10 samples", "the longest has 9 of 9 rows"});
+  refuses(sampled(grid(9, 0.001)), "X", {"axis X has 9 rows; at least 10 are needed"});
+  std::vector<double> torn = grid(18, 0.001);
+  for (std::size_t k = 9; k < torn.size(); ++k) torn[k] += 5.0;
+  refuses(sampled(torn), "X", {"no segment of 10 samples", "the longest has 9 of 18 rows"});
 }
 
 TEST(RequireMotion, RefusesWhatNoMachineDoes) {
