@@ -368,7 +368,7 @@ TEST(CoupledAxes, LearnFromWhatTheOtherDoes) {
     const Eigen::ArrayXd reading = commands[0] - simulate(axes[0].model, segment);
     return size_of(axes[0].path.command - reading).rms;
   };
-  EXPECT_LT(5.0 * left_on_machine(seeing), left_on_machine(blind));
+  EXPECT_LT(3.0 * left_on_machine(seeing), left_on_machine(blind));
 }
 
 TEST(CoupledAxes, WithoutTheOtherAxisAreNamed) {
