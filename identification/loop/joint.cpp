@@ -91,14 +91,13 @@ std::vector<Point> friction_starts(const Projection& data, const Structure& stru
   return out;
 }
 
-/// Step 3 from each of these; the best first, without duplicates. `each`: from each of them to the
-/// end, for rivals; else only from those that are best on thinned data.
+/// Step 3 from each of these; the best first, without duplicates.
 std::vector<PoleFit> refined(const Projection& data, const std::vector<Point>& starts,
-                             const PoleSearchOptions& options, bool each, int& evaluations) {
-  std::vector<std::optional<PoleFit>> all(each ? starts.size() : 1);
-  in_parallel(all.size(), [&](std::size_t i) {
+                             const PoleSearchOptions& options, int& evaluations) {
+  std::vector<std::optional<PoleFit>> all(starts.size());
+  in_parallel(starts.size(), [&](std::size_t i) {
     PoleSearchOptions from = options;
-    from.from = each ? std::vector{starts[i]} : starts;
+    from.from = {starts[i]};
     all[i] = pole_search(data, from);
   });
   std::vector<PoleFit> fits;
@@ -179,7 +178,7 @@ bool FirstStep::follow_friction() {
   auto fits = refined(*data_,
                       friction_starts(*data_, structure, place, rigid_->point,
                                       kind_of<CoulombFriction>(), evaluations),
-                      options_, true, evaluations);
+                      options_, evaluations);
   if (!fits.empty()) fit_ = std::move(fits.front());
   // An axis that slides more than it creeps is followed better by friction that turns at once.
   if (!fit_ || rigid_->solution.cost < fit_->solution.cost) {
@@ -277,7 +276,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     const std::size_t held = begun ? kind_of<CoulombFriction>() : structure.effects[place];
     std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
     if (given) starts.push_back(rough);
-    auto fits = refined(data, starts, options, polish, evaluations);
+    auto fits = refined(data, starts, options, evaluations);
     // Where quantisation dominates the model's error, the simulated motion is more accurate.
     for (int round = 0; round < 2 && !fits.empty(); ++round) {
       const Model model = data.model_of(fits.front().point, fits.front().solution.linear);
@@ -292,7 +291,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
         start.modes = fits.front().point.modes;
       }
       starts.push_back(fits.front().point);
-      auto better = refined(data, starts, options, polish, evaluations);
+      auto better = refined(data, starts, options, evaluations);
       starts.pop_back();
       if (better.empty()) break;
       fits = std::move(better);

@@ -420,14 +420,6 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
     }
     return most;
   };
-  // Starts that are given may end at the same poles with other shapes.
-  constexpr double kSameShape = 0.05;
-  const auto same_shapes = [](const Candidate& l, const Candidate& r) {
-    return std::equal(l.point.shapes.begin(), l.point.shapes.end(), r.point.shapes.begin(),
-                      r.point.shapes.end(), [](double a, double b) {
-                        return std::abs(a - b) <= kSameShape * std::max(std::abs(a), std::abs(b));
-                      });
-  };
   std::vector<Candidate> refined;
   std::vector<Candidate> seeds;
   for (const Candidate& candidate : candidates) {
@@ -452,9 +444,8 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   std::vector<Candidate> used;
   for (const Candidate& candidate : refined) {
     if (candidate.cost > 1.2 * refined.front().cost || finals.size() >= 2) break;
-    if (std::any_of(used.begin(), used.end(), [&](const auto& u) {
-          return apart(u, candidate) < 0.02 && (options.from.empty() || same_shapes(u, candidate));
-        }))
+    if (std::any_of(used.begin(), used.end(),
+                    [&](const auto& u) { return apart(u, candidate) < 0.02; }))
       continue;
     used.push_back(candidate);
     finals.push_back(refine(data, Chart::kStable, candidate, bounds, options, 60, fit.evaluations));
@@ -467,12 +458,11 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   loop.order = order;
   loop.denominator = best.point.denominator;
   if (!inside(loop, bounds)) {
-    // The optimum is outside the box: search inside it, from there, and from the best grid points
-    // or all starts that were given.
+    // The optimum is outside the box: search inside it, from there and from the best grid points.
     std::vector<Candidate> from{best};
-    const std::size_t more =
-        options.from.empty() ? std::min<std::size_t>(2, seeds.size()) : seeds.size();
-    from.insert(from.end(), seeds.begin(), seeds.begin() + static_cast<std::ptrdiff_t>(more));
+    from.insert(
+        from.end(), seeds.begin(),
+        seeds.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, seeds.size())));
     Candidate within;
     within.cost = 1e300;
     for (const Candidate& start : from) {
