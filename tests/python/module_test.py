@@ -242,7 +242,7 @@ class Arrays(AnAxis):
         self.assertEqual(servotwin.check(good).why_not, "")
         for command, actual, unit, said in (
             (0.0 * moves, moves, "mm", "X.command does not move"),
-            (300.0 * moves, 299.0 * moves, "m", "is it mm?"),
+            (300.0 * moves, 299.0 * moves, "m", "is its unit mm"),
             (moves, moves, "mm", "not a copy of the command"),
         ):
             found = servotwin.check(
