@@ -53,7 +53,8 @@ class OffsetKill : public testing::Test {
     const double most = (asked ? 3.0 * kRate * cycle_s_ : ramp_step()) + kSteps;
     double before = left;
     int gone = 0;  // cycles until nothing is added
-    for (int after = 0; after < cycles(0.3); ++after, ++k) {
+    constexpr double kWatched_s = 0.3;
+    for (int after = 0; after < cycles(kWatched_s); ++after, ++k) {
       cycle(path_at(k));
       const double now = added(path_at(k));
       // The last one may still have been on its way.
@@ -63,7 +64,10 @@ class OffsetKill : public testing::Test {
       if (std::abs(now) > 1.1e-8) gone = after;
       before = now;
     }
-    EXPECT_LE(gone, cycles(VirtualDrive::kOffsetValidity_s + VirtualDrive::kOffsetRamp_s) + 3);
+    // When a busy host tells the daemon that it is asked to stop is not the daemon's matter.
+    EXPECT_LE(gone,
+              asked ? cycles(kWatched_s) - 2
+                    : cycles(VirtualDrive::kOffsetValidity_s + VirtualDrive::kOffsetRamp_s) + 3);
     EXPECT_GE(gone, std::abs(left) / most - 1.0) << "a ramp, no step";
     if (asked) {
       EXPECT_GE(offsets_ - sent_before, std::min<long>(gone, cycles(kRamp_s)) / 2)
