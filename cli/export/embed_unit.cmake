@@ -42,9 +42,9 @@ std::string_view text(const unsigned char* bytes, std::size_t count) {
 }  // namespace
 
 std::span<const UnitFile> unit_files() noexcept {
-  static const auto kFiles = std::to_array<UnitFile>({
+  static const auto files = std::to_array<UnitFile>({
 ${table}  });
-  return kFiles;
+  return files;
 }
 
 }  // namespace servotwin

@@ -153,7 +153,7 @@ std::string LearningWorker::recognise(CommandedPath path, const MotionRepeats& r
   const std::string motion = path.name;
   for (int n = 2; folder_ && folder_->found().contains(path.name); ++n)
     path.name = motion + "-" + std::to_string(n);
-  const std::string name = path.name;
+  std::string name = path.name;
   std::vector<std::string> axes;
   for (const std::size_t axis : path.axes) axes.push_back(rules_.machine.axes[axis].name);
   const double shortest_s = repeats.shortest_period_s, longest_s = repeats.longest_period_s;

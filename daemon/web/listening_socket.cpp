@@ -37,7 +37,7 @@ int listening_socket(const ListenAddress& address, std::uint16_t& port) {
 }
 
 std::string listening_problem(int error, const std::string& option) {
-  const std::string problem = std::strerror(error);
+  std::string problem = std::strerror(error);
   switch (error) {
     case EADDRINUSE:
       return problem + "; give another address with " + option;
