@@ -71,7 +71,7 @@ void say_offsets(const daemon::Config& config, const std::optional<CanMap>& map)
 void say_programs(const std::filesystem::path& folder) {
   if (folder.empty()) return;
   std::error_code error;
-  std::filesystem::directory_iterator(folder, error);
+  const std::filesystem::directory_iterator readable(folder, error);
   say(stdout, "programs    the .csv files in " + folder.string() +
                   (error ? ", which cannot be read now: " + error.message() : ""));
 }
