@@ -90,8 +90,9 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
   if (!record.excitation.empty())
     return "good for motion like this: " + share +
            "; other motion may be predicted worse, since not all of the model was excited";
-  constexpr double kMuchOverFloor = 3.0;  // noise is less than a ninth of the squared residual
-  if (record.noise_floor.rms > 0.0 && left > kMuchOverFloor * record.noise_floor.rms)
+  // Above it noise is less than a ninth of the squared residual.
+  constexpr double kMaxRmsOverFloorOfNoise = 3.0;
+  if (record.noise_floor.rms > 0.0 && left > kMaxRmsOverFloorOfNoise * record.noise_floor.rms)
     return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
   return "good: " + share + ", little more than the noise";
 }

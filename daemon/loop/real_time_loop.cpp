@@ -69,11 +69,12 @@ std::array<double, 4> AxisLoop::last_of(std::span<const AxisLoop> all, int axis,
 }
 
 std::array<double, 4> AxisLoop::acting(const std::array<double, 4>& last) noexcept {
-  constexpr double kFarthest = 1.0;  // that an axis moves in four cycles [m | rad]
+  // [m | rad]: ten times what the fastest axis does in four cycles of 5 ms; more is a wrong value.
+  constexpr double kMaxTravel = 1.0;
   const auto [least, most] = std::minmax_element(last.begin(), last.end());
   const bool moves =
       std::all_of(last.begin(), last.end(), [](double x) { return std::isfinite(x); });
-  return moves && *most - *least < kFarthest ? last : std::array<double, 4>{};
+  return moves && *most - *least < kMaxTravel ? last : std::array<double, 4>{};
 }
 
 double AxisLoop::catch_up(std::span<const AxisLoop> all) noexcept {

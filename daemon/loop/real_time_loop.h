@@ -78,8 +78,8 @@ class AxisLoop {
 
  private:
   double catch_up(std::span<const AxisLoop> all) noexcept;
-  /// The four commands of an axis up to the one `back` cycles ago, the newest first; NaN for those
-  /// that it has not had, or where there is no axis.
+  /// The four commands of an axis up to the one `back` cycles ago, the newest first. Commands that
+  /// it has not had are NaN; without an axis all are.
   [[nodiscard]] static std::array<double, 4> last_of(std::span<const AxisLoop> all, int axis,
                                                      std::uint64_t back) noexcept;
   /// The same as they act on another axis: not at all, all alike, where one is missing or no axis
