@@ -112,8 +112,10 @@ int run(int argc, char** argv) {
     }
     // A misspelt option may be the one that the parser reports as missing.
     const std::string unknown = servotwin::daemon::unknown_option(*command);
-    return fail(kUsage, name,
-                (unknown.empty() ? error.what() : unknown) + " (see " + name + " --help)");
+    std::string why = unknown.empty() ? error.what() : unknown;
+    // Who has no model yet does not find in the help of this command how to make one.
+    if (why.starts_with("--model ")) why += "; servotwin identify REC --model M.json makes one";
+    return fail(kUsage, name, why + " (see " + name + " --help)");
   }
 
   const Command& command = *called();

@@ -62,6 +62,13 @@ std::string by_torque_alone(const Diagnosis& diagnosis,
               count, count == 1 ? "" : "s");
 }
 
+/// The first cause that is the same effect of the model: one law of friction may be several causes.
+const Cause* first_of_place(const Diagnosis& diagnosis, const Cause& cause) {
+  if (cause.place == kNoEffect) return &cause;
+  return &*std::find_if(diagnosis.causes.begin(), diagnosis.causes.end(),
+                        [&](const Cause& other) { return other.place == cause.place; });
+}
+
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                    const std::optional<TorqueDiagnosis>& torque,
                    const std::optional<EncoderDifference>& encoders, bool details) {
@@ -87,14 +94,17 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
       line += "without it the simulation diverges";
     }
     if (std::isfinite(cause.gain.low))
-      line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
+      line += text(" (gain %.2g to %.2g %s)", 1e6 * cause.gain.low, 1e6 * cause.gain.high,
+                   micro(rotary));
     if (cause.place == kNoEffect && cause.moved.empty()) {
       line += std::string(std::isfinite(cause.gain.before) ? ", " : "") + "counted, not inferred";
     } else {
       line += text(", confidence %.0f %%", 100.0 * cause.confidence);
     }
     say(people, line);
-    say(people, "              " + cause_text(diagnosis, cause));
+    const Cause* first = first_of_place(diagnosis, cause);
+    say(people, "              " + (first == &cause ? cause_text(diagnosis, cause)
+                                                    : "one law with " + first->id + ", above"));
     if (const std::string also = torque ? torque_beside(*torque, cause.id) : ""; !also.empty())
       say(people, "              " + also);
     if (const std::string also = encoders ? encoders_beside(*encoders, cause.id) : "";

@@ -228,9 +228,9 @@ std::string verdict_of_loop(const Diagnosis& diagnosis) {
       // A delay that the identified model has already, or faults of the recording that are counted.
       if (after > kMaxRmsRatioOfImprovement * before)
         return text(
-                   "%zu cause%s named, which the identified model or the repair of the recording "
-                   "already accounts for: the simulation error on held-out data is %.3g %s RMS (",
-                   count, plural, after, unit) +
+                   "%zu cause%s named, part of the identified model or repaired in the recording "
+                   "already: the simulation error on held-out data is %.3g %s RMS with %s (",
+                   count, plural, after, unit, count == 1 ? "it" : "them") +
                noise + ")";
       return text(
                  "%zu cause%s named: the simulation error on held-out data is %.3g %s RMS instead "

@@ -60,7 +60,8 @@ const char* key_of(TorqueDoubt doubt) {
 
 std::string suspected_of(const TorqueCause& cause) {
   std::string out = "suspected   by torque " + cause.id + ": " + doubt_text(cause);
-  for (const std::string& rival : cause.ambiguous_with) out += ", or " + rival;
+  for (const std::string& rival : cause.ambiguous_with)
+    out += "; the torque does not tell it from " + rival;
   return out;
 }
 
@@ -90,8 +91,19 @@ std::string verdict_of(const TorqueDiagnosis& torque) {
 
 std::string body_of(const TorqueDiagnosis& torque) {
   const char *unit = torque.unit.c_str(), *length = torque.rotary ? "rad" : "m";
-  return text("mass %.4g %s s^2/%s, Coulomb %.4g %s, viscous %.4g %s s/%s", torque.mass, unit,
-              length, torque.coulomb, unit, torque.viscous, unit, length) +
+  const auto shown = [](const char* name, double value, const std::string& of) {
+    return value > 0.0 ? text("%s %.4g ", name, value) + of : std::string(name) + " not shown";
+  };
+  const std::string per_speed = std::string(unit) + " s/" + length;
+  return shown("mass", torque.mass_shown ? torque.mass : 0.0,
+               std::string(unit) + " s^2/" + length) +
+         ", " +
+         (torque.constant != 0.0
+              ? text("friction and constant force together %.4g %s (motion in one direction does "
+                     "not separate them)",
+                     torque.constant, unit)
+              : shown("Coulomb", torque.coulomb, unit)) +
+         ", " + shown("viscous", torque.viscous, per_speed) +
          (torque.gravity > 0.0
               ? text(", gravity %.4g %s at %.3g rad", torque.gravity, unit, torque.gravity_at_rad)
               : "");
@@ -260,8 +272,10 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                     {"baseline",
                      {{"rms_" + unit, number_or_null(torque.baseline_rms)},
                       {"mass", torque.mass},
+                      {"mass_shown", torque.mass_shown},
                       {"coulomb_" + unit, torque.coulomb},
                       {"viscous", torque.viscous},
+                      {"constant_" + unit, torque.constant},
                       {"gravity_" + unit, torque.gravity},
                       {"gravity_at_rad", torque.gravity_at_rad}}},
                     {"extended", {{"rms_" + unit, number_or_null(torque.extended_rms)}}}};
@@ -307,9 +321,9 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
   for (const TorqueCause& cause : torque.causes) {
     if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
     out.push_back(text("by torque   %-24s ", cause.id.c_str()) + gain_text(cause, torque.unit) +
-                  (std::isfinite(cause.gain.low)
-                       ? text(" (gain %.2g to %.2g)", cause.gain.low, cause.gain.high)
-                       : "") +
+                  (std::isfinite(cause.gain.low) ? text(" (gain %.2g to %.2g %s)", cause.gain.low,
+                                                        cause.gain.high, torque.unit.c_str())
+                                                 : "") +
                   text(", confidence %.0f %%", 100.0 * cause.confidence));
     out.push_back("              " + sizes_of(torque, cause));
     for (const Harmonic& harmonic : cause.harmonics)

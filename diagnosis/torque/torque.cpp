@@ -8,6 +8,7 @@
 #include "diagnosis/search/extension.h"
 #include "diagnosis/statistics/bootstrap.h"
 #include "diagnosis/statistics/thresholds.h"
+#include "diagnosis/torque/torque_band.h"
 #include "diagnosis/torque/torque_selection.h"
 #include "identification/torque/torque_limit.h"
 
@@ -301,12 +302,12 @@ TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, doubl
 }
 
 /// Of the training data, so that the hold-out judges it too.
-TorqueLag lag_of(const SegmentedAxis& axis, double training_share) {
+TorqueLag lag_of(const SegmentedAxis& axis, double training_share, double bandwidth_hz) {
   const double begin_s = axis.segments.front().start_s, end_s = axis.segments.back().end_s();
   const std::vector<Segment> training =
       cut(axis.segments, begin_s, begin_s + training_share * (end_s - begin_s));
   if (training.empty()) return {};
-  return torque_lag(training, TorqueRows::bandwidth_of(axis.sample_time_s));
+  return torque_lag(training, bandwidth_hz);
 }
 
 }  // namespace
@@ -337,10 +338,11 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   if (!has_torque(axis))
     throw std::runtime_error(axis.axis + ": the recording has no torque of this axis");
   const double share = options.identify.training_share.value_or(training_share_of(axis.segments));
-  const TorqueLag lag = lag_of(axis, share);
+  const double bandwidth_hz = torque_band(axis, share, commanded);
+  const TorqueLag lag = lag_of(axis, share, bandwidth_hz);
   SegmentedAxis in_time = axis;
   in_time.segments = without_lag(std::move(in_time.segments), lag);
-  TorqueRows rows(in_time, share, commanded);
+  TorqueRows rows(in_time, share, commanded, bandwidth_hz);
   const TorqueBody body = body_of(rows, axis.rotary);
   const TorqueSelected selected = select_torque_causes(
       rows, body, options, commanded && Channels(axis.segments).rests, axis.rotary);
@@ -349,11 +351,14 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   out.unit = axis.torque_unit;
   out.rotary = axis.rotary;
   out.commanded = commanded;
+  out.bandwidth_hz = bandwidth_hz;
   out.lag = lag;
   out.opposite = body.opposite;
   out.mass = body.mass;
+  out.mass_shown = body.mass_z > kMinMassEvidence;
   out.coulomb = body.coulomb;
   out.viscous = body.viscous;
+  out.constant = body.opposite ? -body.constant : body.constant;
   out.gravity = body.gravity;
   out.gravity_at_rad = body.gravity_at;
   out.training_to_s = rows.training_to_s();

@@ -63,11 +63,16 @@ struct TorqueCause {
 struct TorqueDiagnosis {
   std::string axis, unit;
   bool rotary = false;
-  bool commanded = true;  ///< false: the recording has no position command
-  TorqueLag lag;          ///< of the recorded torque, which was put in time
+  bool commanded = true;      ///< false: the recording has no position command
+  TorqueLag lag;              ///< of the recorded torque, which was put in time
+  double bandwidth_hz = 0.0;  ///< up to which torque and motion are compared (torque_band.h)
   /// The recorded torque has the opposite sign to the position: a positive one drives backwards.
   bool opposite = false;
-  double mass = 0.0, coulomb = 0.0, viscous = 0.0;  ///< of the baseline
+  double mass = 0.0, coulomb = 0.0, viscous = 0.0;  ///< of the baseline; 0: not shown
+  bool mass_shown = false;                          ///< that there is a mass is significant
+  /// Friction and constant force together, with the recorded sign, of an axis that moves in one
+  /// direction, which does not separate them; 0 otherwise.
+  double constant = 0.0;
   /// Of a load that swings with a rotary axis: its largest torque, and the angle where it acts.
   double gravity = 0.0, gravity_at_rad = 0.0;
   double training_to_s = 0.0;

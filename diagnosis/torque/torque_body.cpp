@@ -82,7 +82,7 @@ TorqueBody fitted(TorqueRows& rows, const Eigen::MatrixXd& gravity, bool opposit
   const Eigen::VectorXd velocity = rows.training(rows.velocity());
   const double forward = velocity.cwiseMax(0.0).sum() / velocity.cwiseAbs().sum();
   out.both_ways = std::min(forward, 1.0 - forward) > kMinRarerDirectionShare;
-  if (out.both_ways) append(beside, Eigen::MatrixXd::Ones(beside.rows(), 1));
+  append(beside, Eigen::MatrixXd::Ones(beside.rows(), 1));
   Eigen::MatrixXd line(velocity.size(), 2);
   line << Eigen::VectorXd::Ones(velocity.size()), rows.training(rows.time());
   const Eigen::VectorXd x = rows.training(rows.position());
@@ -106,12 +106,19 @@ TorqueBody fitted(TorqueRows& rows, const Eigen::MatrixXd& gravity, bool opposit
     const double work =
         (theta.head(3).array() * shown.leftCols(3).colwise().norm().transpose().array()).sum();
     if (work < 0.0) turn(rows, out);
+  } else {
+    // In one direction friction may be hidden by a constant force: the mass tells.
+    Eigen::MatrixXd friction = shown.col(2);
+    append(friction, shown.rightCols(beside.cols()));
+    const double z = data.wald(friction, shown.leftCols(1));
+    append(friction, shown.leftCols(1));
+    if (z > kMinMassEvidence && data.fit(friction).tail(1)(0) < 0.0) turn(rows, out);
   }
   rows.friction_from(out.velocity_limit);
   out.columns = rows.body(out.velocity_limit);
   // A mass or friction with a negative estimate is not observable in this motion: it is removed.
   const BlockedRegression turned = training_of(rows);
-  std::vector<int> kept{0, 1, 2};
+  std::vector<int> kept = out.both_ways ? std::vector{0, 1, 2} : std::vector{0, 2};
   for (bool again = true; again && !kept.empty();) {
     Eigen::MatrixXd c(out.columns.rows(), 0);
     for (const int i : kept) append(c, out.columns.col(i));
@@ -130,18 +137,26 @@ TorqueBody fitted(TorqueRows& rows, const Eigen::MatrixXd& gravity, bool opposit
   }
   Eigen::MatrixXd c(out.columns.rows(), 0);
   for (const int i : kept) append(c, out.columns.col(i));
-  if (kept.empty()) {
+  if (kept.empty() && out.both_ways) {
     throw std::runtime_error(
         "neither mass nor friction contributes to the torque: is it the torque of this axis?");
   }
+  Eigen::MatrixXd all = c;
+  append(all, beside);
+  if (out.mass > 0.0) {
+    const Eigen::MatrixXd training = rows.training(all);
+    out.mass_z = turned.wald(training.rightCols(all.cols() - 1), training.leftCols(1));
+  }
+  const Eigen::VectorXd theta_of_all = turned.fit(rows.training(all));
   if (gravity.cols() > 0) {
-    Eigen::MatrixXd all = c;
-    append(all, beside);
-    const Eigen::VectorXd theta_of_all = turned.fit(rows.training(all));
     const double cosine = theta_of_all(c.cols()), sine = theta_of_all(c.cols() + 1);
     out.gravity = std::hypot(cosine, sine);
     out.gravity_at = std::atan2(sine, cosine);
     append(c, gravity);
+  }
+  if (!out.both_ways) {
+    out.constant = theta_of_all(all.cols() - 1);
+    append(c, beside.rightCols(1));
   }
   out.columns = c;
   return out;

@@ -1,18 +1,26 @@
 // The rigid body with friction in a measured torque, and the sign of the recorded torque:
 //   T = m a + F_c sat(v / v_l) + B v + G cos(x - x_g),   m, F_c, B >= 0
-// G is the gravity of a load that swings with a rotary axis, 0 where the torque shows none. Units
-// as in torque.h. Any thread.
+// G is the gravity of a load that swings with a rotary axis, 0 where the torque shows none. Where
+// the axis moves in one direction, Coulomb friction and a constant force are the same: then
+//   T = m a + F + B v. Units as in torque.h. Any thread.
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
 
 #include "diagnosis/statistics/blocked_regression.h"
 #include "diagnosis/torque/torque_rows.h"
 
 namespace servotwin {
 
+/// z of a mass (Wald test) above which the motion shows it, and with it the sign of the torque.
+inline constexpr double kMinMassEvidence = 4.0;
+
 struct TorqueBody {
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;
+  double mass_z = 0.0;           ///< of the mass, by a Wald test
+  double constant = 0.0;         ///< F, of an axis that moves in one direction; of either sign
   double gravity = 0.0;          ///< G
   double gravity_at = 0.0;       ///< x_g [rad], where it is largest
   double velocity_limit = 1e-3;  ///< v_l
@@ -24,6 +32,8 @@ struct TorqueBody {
   /// The column of the Coulomb friction and that of the viscous friction; -1: there is none.
   [[nodiscard]] Eigen::Index coulomb_column() const;
   [[nodiscard]] Eigen::Index viscous_column() const;
+  /// The force that does not depend on the speed, without its sign.
+  [[nodiscard]] double level() const { return std::max(coulomb, std::abs(constant)); }
 };
 
 /// Fits the rigid body to the training rows. Changes the sign of the torque in `rows` where it is

@@ -14,8 +14,6 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kFilterBandwidth_hz = 40.0;  // of the filters, ..
-constexpr double kMaxBandwidthShare = 0.15;   // .. and at most this share of the sampling rate
 constexpr double kMaxRestShareOfFast = 0.01;  // of the 90 % quantile of the speeds
 constexpr Eigen::Index kMinRows = 40;
 // Periods over the travel: at most, and at most for position-dependent friction.
@@ -50,12 +48,9 @@ Eigen::VectorXd TorqueRows::compared(const Value& value) const {
   return used_.empty() ? all : under_way(all);
 }
 
-double TorqueRows::bandwidth_of(double sample_time_s) {
-  return std::min(kFilterBandwidth_hz, kMaxBandwidthShare / sample_time_s);
-}
-
-TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded)
-    : bandwidth_hz_(bandwidth_of(axis.sample_time_s)), rotary_(axis.rotary) {
+TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded,
+                       double bandwidth_hz)
+    : bandwidth_hz_(bandwidth_hz), rotary_(axis.rotary) {
   data_ = ForceData::of_motion(axis.segments, bandwidth_hz_);
   for (const ForceData::Stretch& stretch : data_.stretches()) {
     motion_.push_back(stretch.motion);

@@ -29,10 +29,9 @@ struct TorqueTerm {
 class TorqueRows {
  public:
   /// Throws std::runtime_error where too little of the motion has a torque. `commanded`: the
-  /// segments have a true position command.
-  TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded);
-  /// Up to which torque and motion are compared [Hz].
-  [[nodiscard]] static double bandwidth_of(double sample_time_s);
+  /// segments have a true position command. `bandwidth_hz`: up to which torque and motion are
+  /// compared (torque_band.h).
+  TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded, double bandwidth_hz);
 
   [[nodiscard]] const Eigen::VectorXd& torque() const { return torque_; }
   [[nodiscard]] const Eigen::VectorXd& time() const { return time_; }

@@ -167,6 +167,22 @@ std::string why_too_few_samples(const PoleSet& poles, double sample_time_s) {
                  " samples per second");
 }
 
+/// "outside of the search bounds (damping 0.056, not 0.2 to 2)"; empty: all poles are inside.
+std::string outside_of(const Loop& loop, const PoleSet& poles, const PoleBounds& bounds) {
+  if (inside(loop, bounds)) return {};
+  std::string out;
+  const auto check = [&](const char* name, double value, double low, double high,
+                         const char* unit) {
+    if (value >= low && value <= high) return;
+    out += message(out.empty() ? "" : ", ", name, " ", value, unit, ", not ", low, " to ", high);
+  };
+  if (loop.order == 3)
+    check("real pole", poles.real / kTwoPi, bounds.real_min_hz, bounds.real_max_hz, " Hz");
+  check("pair", poles.omega / kTwoPi, bounds.omega_min_hz, bounds.omega_max_hz, " Hz");
+  check("damping", poles.zeta, bounds.zeta_min, bounds.zeta_max, "");
+  return "outside of the search bounds (" + out + ")";
+}
+
 }  // namespace
 
 std::vector<double> squared_acceleration(const std::vector<Segment>& segments) {
@@ -409,9 +425,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (std::string why = why_too_few_samples(poles, axis.sample_time_s);
       !why.empty() && poles.omega < kAtBound * kTwoPi * options.bounds.omega_max_hz)
     out.refusals.push_back(std::move(why));
-  if (fit->fit.on_bound) {
+  if (std::string where = polish ? outside_of(record.model.loop, poles, options.bounds)
+                                 : (fit->fit.on_bound ? "on the search bounds" : "");
+      !where.empty()) {
     record.excitation.push_back(
-        message("poles lie on the search bounds: this motion does not determine them; ",
+        message("poles lie ", where, ": this motion does not determine them; ",
                 "widen the bounds, or add moves with faster changes of acceleration"));
   }
   for (std::string& line : loosely_known(record, poles))

@@ -143,9 +143,10 @@ std::string remark_on_time(std::span<const Segment> segments) {
     return {};
   std::ostringstream out;
   out.precision(2);
-  out << "shows the commanded motion " << h * static_cast<double>(best)
-      << " s later and hardly changed, and a servo that late would smooth it: unless both were "
-         "recorded with one clock, shift one; the model takes it for a lag of the loop";
+  const double delay_s = h * static_cast<double>(best);
+  out << "shows the commanded motion " << delay_s
+      << " s later and hardly changed: the lag of a loop with a velocity gain of about "
+      << 1.0 / delay_s << " 1/s, where one clock recorded both; otherwise shift one of them first";
   return out.str();
 }
 

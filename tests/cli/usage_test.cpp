@@ -76,7 +76,7 @@ const std::vector<Typed> kTyped{
     {{"identify", "rec.csv", "--axis", "X", "--rate", "-5"}, "--rate"},
     {{"identify", "rec.csv", "--format", "excel"},
      "excel not in {csv,matlab,mcap,candump,asc,trc,twincat,tncscope,halscope,"},
-    {{"predict", "rec.csv", "--axis", "X"}, "--model is required"},
+    {{"predict", "rec.csv", "--axis", "X"}, "--model is required; servotwin identify REC --model"},
     {{"simulate", "path.csv"}, "--model is required"},
     {{"simulate", "path.csv", "--model", "m.json", "--noise", "much"},
      "'much' is not a valid STEP"},

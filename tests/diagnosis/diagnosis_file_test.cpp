@@ -73,8 +73,8 @@ TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
   diagnosis.baseline.holdout.rms = diagnosis.extended.holdout.rms = 7.33e-7;
   EXPECT_EQ(
       verdict_text(diagnosis),
-      "2 causes named, which the identified model or the repair of the recording already "
-      "accounts for: the simulation error on held-out data is 0.733 um RMS (noise floor 0.13)");
+      "2 causes named, part of the identified model or repaired in the recording already: the "
+      "simulation error on held-out data is 0.733 um RMS with them (noise floor 0.13)");
   diagnosis.extended.holdout.rms = 3e-7;
   EXPECT_EQ(verdict_text(diagnosis),
             "2 causes named: the simulation error on held-out data is 0.3 um RMS instead of 0.733 "

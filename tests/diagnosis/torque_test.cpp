@@ -203,6 +203,63 @@ TEST(Torque, TheGravityOfALoadThatSwingsBelongsToTheBody) {
   EXPECT_NEAR(diagnosis.extended_rms, 0.3, 0.15);
 }
 
+/// The same motion with this white noise of the encoder [m].
+SegmentedAxis noisy(SegmentedAxis axis, double rms_m) {
+  std::mt19937_64 random(7);
+  std::normal_distribution<double> noise(0.0, rms_m);
+  for (double& x : axis.segments.front().actual) x += noise(random);
+  return axis;
+}
+
+TEST(Torque, ANoisyEncoderDoesNotTakeTheMassAway) {
+  const SegmentedAxis axis = noisy(
+      recorded({.coulomb = 40.0, .samples = 40'000}, [](double, double, double) { return 0.0; }),
+      2e-4);
+  TorqueRows whole(axis, 0.6, true, 40.0);
+  ASSERT_LT(body_of(whole, false).mass, 0.5 * 90.0) << "the noise is too small to take it";
+  const TorqueDiagnosis diagnosis = diagnose_torque(axis);
+  EXPECT_LT(diagnosis.bandwidth_hz, 40.0);
+  EXPECT_TRUE(diagnosis.mass_shown);
+  EXPECT_NEAR(diagnosis.mass, 90.0, 0.1 * 90.0);
+}
+
+TEST(Torque, AMassThatTheMotionDoesNotShowIsNoResult) {
+  SegmentedAxis axis =
+      recorded({.mass = 1e-3, .seed = 3}, [](double, double, double) { return 0.0; });
+  const TorqueDiagnosis diagnosis = diagnose_torque(axis);
+  EXPECT_FALSE(diagnosis.mass_shown);
+  EXPECT_EQ(diagnosis.bandwidth_hz, 40.0);
+  EXPECT_NE(torque_lines(diagnosis, false, {})[1].find("mass not shown"), std::string::npos);
+}
+
+// 20 N of friction and -60 N of weight.
+TEST(Torque, OneDirectionShowsFrictionAndWeightTogether) {
+  SegmentedAxis axis = recorded({}, [](double, double, double) { return 0.0; });
+  Segment& s = axis.segments.front();
+  constexpr double kSpeed_mps = 0.8, kFriction_n = 20.0, kWeight_n = -60.0;
+  for (Eigen::Index k = 0; k < s.size(); ++k) {
+    const double way = kSpeed_mps * s.sample_time_s * static_cast<double>(k);
+    const Eigen::Index next = std::min(k + 1, s.size() - 1),
+                       last = std::max<Eigen::Index>(k - 1, 0);
+    const double v = (s.command(next) - s.command(last)) / s.sample_time_s;
+    s.torque(k) += kFriction_n - 20.0 * std::tanh(v / 4e-4) + kWeight_n + 200.0 * kSpeed_mps;
+    s.actual(k) += way;
+  }
+  for (Eigen::Index k = 0; k < s.size(); ++k)
+    s.command(k) += kSpeed_mps * s.sample_time_s * static_cast<double>(k);
+  const TorqueDiagnosis diagnosis = diagnose_torque(axis);
+  EXPECT_NEAR(diagnosis.constant, kFriction_n + kWeight_n, 4.0);
+  EXPECT_NEAR(diagnosis.mass, 90.0, 4.0);
+  EXPECT_EQ(diagnosis.coulomb, 0.0);
+  s.torque = -s.torque;
+  const TorqueDiagnosis against = diagnose_torque(axis);
+  EXPECT_TRUE(against.opposite);
+  EXPECT_NEAR(against.mass, 90.0, 4.0);
+  EXPECT_NEAR(against.constant, -(kFriction_n + kWeight_n), 4.0);
+  EXPECT_NE(torque_lines(diagnosis, false, {})[1].find("friction and constant force together"),
+            std::string::npos);
+}
+
 // A ripple that is gone after half of the recording is in the training data only.
 TEST(Torque, ACauseThatHeldOutDataDoNotConfirmIsNotNamed) {
   const auto ripple = [](double x, double, double t) {
@@ -442,6 +499,19 @@ TEST(RealTorque, SinumerikAxisY1HoldsAConstantForce) {
   EXPECT_GT(diagnosis.causes.front().gain.low, 0.0);
 }
 
+// A motor with LuGre friction: inertia 1.8e-4 to 1.9e-4, Coulomb 0.030 (in the recorded unit). The
+// encoder is coarse: compared up to 40 Hz the inertia is 1.1e-4.
+TEST(RealTorque, ACoarseEncoderLeavesTheInertia) {
+  SERVOTWIN_REAL_DATA(file, "field_joints/servo_j1.tsv");
+  ReadOptions options;
+  options.rate_hz = 1000.0;
+  Recording recording = read_recording(file, options);
+  const bool commanded = !without_command(recording, "J");
+  const TorqueDiagnosis diagnosis = diagnose_torque(segment_axis(recording, "J"), {}, commanded);
+  EXPECT_NEAR(diagnosis.mass, 1.85e-4, 0.1e-4);
+  EXPECT_NEAR(diagnosis.coulomb, 0.030, 0.002);
+}
+
 // A joint of a UR10e: about 10.7 A of gravity times -cos(angle), inertia 0.92 A s^2/rad and 1.38 A
 // of Coulomb friction, with which 0.30 A are left.
 TEST(RealTorque, AJointThatSwingsHasItsGravity) {
@@ -465,7 +535,7 @@ TEST(RealTorque, EmpsIsExplainedAsPublished) {
   const SegmentedAxis axis =
       read(file, "X", "X.command=qg[m],X.actual=qm[m],X.torque=vir[N*35.15065]");
   // The published values are those of a torque that acts when it is recorded.
-  TorqueRows rows(axis, 0.5, true);
+  TorqueRows rows(axis, 0.5, true, 40.0);
   const TorqueBody published = body_of(rows, false);
   EXPECT_NEAR(published.mass, 95.1, 0.5);
   EXPECT_NEAR(published.viscous, 203.5, 2.0);

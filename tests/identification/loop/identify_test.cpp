@@ -348,8 +348,12 @@ TEST(RealRecording, TheDelayOfTheSinumerikAxisIsFoundAndNotSwallowed) {
   const Identified found = identify(axis);
   EXPECT_NEAR(found.record.model.command_delay_s(), 8.2e-3, 0.1e-3);
   EXPECT_LT(found.record.holdout.rms, 2e-6);  // 9 to 10 um with the shift alone removed
-  // The motion has hardly a reversal: friction must be reported as not excited.
-  EXPECT_FALSE(found.record.excitation.empty());
+  // The motion has hardly a reversal: friction must be reported as not excited, and poles that
+  // the refinement moved out of their bounds as those.
+  EXPECT_THAT(found.record.excitation, testing::Contains(testing::HasSubstr("friction")));
+  ASSERT_FALSE(inside(found.record.model.loop, PoleBounds{}).has_value());
+  EXPECT_THAT(found.record.excitation,
+              testing::Contains(testing::HasSubstr("outside of the search bounds (damping")));
 }
 
 }  // namespace
