@@ -32,13 +32,13 @@ json harmonics_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
   return out;
 }
 
-std::string doubt_text(const TorqueCause& cause) {
+std::string doubt_text(const TorqueCause& cause, const std::string& unit) {
   if (cause.doubt == TorqueDoubt::kParameters)
     return "not confirmed: the fit gives it impossible parameters";
   if (cause.doubt == TorqueDoubt::kGain) {
     return std::isfinite(cause.gain.low)
-               ? text("not confirmed: its gain on held-out data is %.2g to %.2g", cause.gain.low,
-                      cause.gain.high)
+               ? text("not confirmed: its gain on held-out data is %.2g to %.2g %s", cause.gain.low,
+                      cause.gain.high, unit.c_str())
                : std::string("not confirmed: too little held-out data");
   }
   return text("confidence %.0f %%, too low to name it", 100.0 * cause.confidence);
@@ -58,8 +58,8 @@ const char* key_of(TorqueDoubt doubt) {
   return "none";
 }
 
-std::string suspected_of(const TorqueCause& cause) {
-  std::string out = "suspected   by torque " + cause.id + ": " + doubt_text(cause);
+std::string suspected_of(const TorqueCause& cause, const std::string& unit) {
+  std::string out = "suspected   by torque " + cause.id + ": " + doubt_text(cause, unit);
   for (const std::string& rival : cause.ambiguous_with)
     out += "; the torque does not tell it from " + rival;
   return out;
@@ -81,8 +81,11 @@ std::string verdict_of(const TorqueDiagnosis& torque) {
     return "1 cause named, which is no part of the model; the residual of the rigid body on "
            "held-out data is " +
            left;
+  const std::string turns =
+      torque.held_out_turns ? ", where the axis moves the other way than in the training data" : "";
   if (n == 0)
-    return "nothing significant: the residual of the rigid body on held-out data is " + left;
+    return "nothing significant: the residual of the rigid body on held-out data is " + left +
+           turns;
   return text("%zu cause%s named: the residual on held-out data is %.3g %s RMS instead of %s", n,
               n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
               text("%.3g", torque.baseline_rms).c_str()) +
@@ -120,6 +123,14 @@ std::string lag_of(const TorqueLag& lag) {
               : lag.s > 0.0
                   ? "a later cycle"
                   : "the torque that was asked for, or a position that is recorded later");
+}
+
+bool narrowed(const TorqueDiagnosis& torque) { return torque.bandwidth_hz < torque.widest_hz; }
+std::string band_of(const TorqueDiagnosis& torque) {
+  return text(
+      "is compared with the motion up to %.3g Hz only: above that the encoder does not "
+      "show the acceleration",
+      torque.bandwidth_hz);
 }
 
 /// What to check for this cause. In the torque, backlash may be anywhere between motor and load.
@@ -267,6 +278,7 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
   file["torque"] = {{"unit", torque.unit},
                     {"counts_against_position", torque.opposite},
                     {"lag_s", torque.lag.s},
+                    {"bandwidth_hz", torque.bandwidth_hz},
                     {"lag_by_filter", torque.lag.filter},
                     {"training_to_s", torque.training_to_s},
                     {"baseline",
@@ -318,6 +330,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
                                "torque      rigid body: " + body_of(torque)};
   if (torque.opposite) out.push_back(std::string("torque      ") + kAgainst);
   if (torque.lag.s != 0.0) out.push_back("torque      " + lag_of(torque.lag));
+  if (narrowed(torque)) out.push_back("torque      " + band_of(torque));
   for (const TorqueCause& cause : torque.causes) {
     if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
     out.push_back(text("by torque   %-24s ", cause.id.c_str()) + gain_text(cause, torque.unit) +
@@ -337,7 +350,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
       out.push_back("              check " + advice);
     out.push_back("              see " + page_to_read(cause.id));
   }
-  for (const TorqueCause& cause : torque.suspected) out.push_back(suspected_of(cause));
+  for (const TorqueCause& cause : torque.suspected) out.push_back(suspected_of(cause, torque.unit));
   if (details) {
     for (const std::string& step : torque.steps) out.push_back("by torque   " + step);
   }
@@ -349,9 +362,10 @@ std::string torque_section(const TorqueDiagnosis& torque) {
                     ".</p>\n<p>Rigid body: " + escaped(body_of(torque)) + ".</p>\n";
   if (torque.opposite) out += std::string("<p>The recorded torque ") + kAgainst + ".</p>\n";
   if (torque.lag.s != 0.0) out += "<p>The torque " + lag_of(torque.lag) + ".</p>\n";
+  if (narrowed(torque)) out += "<p>The torque " + band_of(torque) + ".</p>\n";
   out += picture(torque);
   for (const TorqueCause& cause : torque.suspected)
-    out += "<p>" + escaped(suspected_of(cause)) + ".</p>\n";
+    out += "<p>" + escaped(suspected_of(cause, torque.unit)) + ".</p>\n";
   if (torque.causes.empty()) return out;
   out +=
       "<table><tr><th>cause</th><th>size</th><th>torque residual without it</th><th>with it</th>"

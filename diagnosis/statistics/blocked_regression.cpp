@@ -90,8 +90,8 @@ std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
   return out;
 }
 
-double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const {
-  const Eigen::MatrixXd a = scaled(beside(base, added));
+BlockedRegression::Last BlockedRegression::last_of(const Eigen::MatrixXd& a,
+                                                   Eigen::Index count) const {
   const Eigen::MatrixXd gram = a.transpose() * a;
   const Eigen::VectorXd theta = ridge_solved(gram, a.transpose() * y_);
   const Eigen::VectorXd left = y_ - a * theta;
@@ -102,14 +102,30 @@ double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixX
         a.middleRows(piece.first, piece.count).transpose() * left.segment(piece.first, piece.count);
     scores += s * s.transpose();
   }
-  const auto m = static_cast<double>(pieces_.size()), q = static_cast<double>(added.cols());
-  const double degrees = std::max(1.0, m - static_cast<double>(n));
+  const auto m = static_cast<double>(pieces_.size());
+  Last out;
+  out.degrees = std::max(1.0, m - static_cast<double>(n));
   const Eigen::MatrixXd inverse = ridge_solved(gram, Eigen::MatrixXd::Identity(n, n));
-  const Eigen::MatrixXd covariance =
-      (inverse * scores * inverse).bottomRightCorner(added.cols(), added.cols()) * (m / degrees);
-  const Eigen::VectorXd own = theta.tail(added.cols());
-  const double ratio = own.dot(solve_symmetric(covariance, own)) / q;
-  return std::isfinite(ratio) && ratio > 0.0 ? z_of_f_ratio(ratio, q, degrees) : 0.0;
+  out.covariance = (inverse * scores * inverse).bottomRightCorner(count, count) * (m / out.degrees);
+  out.theta = theta.tail(count);
+  return out;
+}
+
+double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const {
+  const Last last = last_of(scaled(beside(base, added)), added.cols());
+  const auto q = static_cast<double>(added.cols());
+  const double ratio = last.theta.dot(solve_symmetric(last.covariance, last.theta)) / q;
+  return std::isfinite(ratio) && ratio > 0.0 ? z_of_f_ratio(ratio, q, last.degrees) : 0.0;
+}
+
+BlockedRegression::Estimate BlockedRegression::estimate(const Eigen::MatrixXd& base,
+                                                        const Eigen::VectorXd& column) const {
+  const double length = column.norm();
+  if (!(length > 0.0)) return {};
+  const Last last = last_of(scaled(beside(base, column)), 1);
+  const double deviation = std::sqrt(last.covariance(0, 0));
+  return {last.theta(0) / length, deviation / length,
+          z_of_t(last.theta(0) / deviation, last.degrees)};
 }
 
 BlockedRegression::Beside::Beside(const BlockedRegression& data, const Eigen::MatrixXd& base)

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <vector>
 
 #include "diagnosis/statistics/pieces.h"
@@ -35,6 +36,13 @@ class BlockedRegression {
   /// z of the coefficients of `added` in a fit together with `base` (Wald test).
   [[nodiscard]] double wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const;
 
+  /// One coefficient with its standard deviation, and z by Student's t of that.
+  struct Estimate {
+    double value = 0.0, deviation = HUGE_VAL, z = 0.0;
+  };
+  /// The coefficient of `column` in a fit together with `base`; its covariance as for wald().
+  [[nodiscard]] Estimate estimate(const Eigen::MatrixXd& base, const Eigen::VectorXd& column) const;
+
   /// The squared error that columns explain in addition to a base.
   class Beside {
    public:
@@ -47,6 +55,14 @@ class BlockedRegression {
   };
 
  private:
+  struct Last {
+    Eigen::VectorXd theta;
+    Eigen::MatrixXd covariance;
+    double degrees = 1.0;
+  };
+  /// The last `count` coefficients of these columns, which have unit length.
+  [[nodiscard]] Last last_of(const Eigen::MatrixXd& columns, Eigen::Index count) const;
+
   Eigen::VectorXd y_;
   std::vector<Piece> pieces_;
 };

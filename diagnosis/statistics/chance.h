@@ -18,6 +18,13 @@ namespace servotwin {
   return ((1.0 - b) * root - (1.0 - a)) / std::sqrt(b * root * root + a);
 }
 
+/// z with the same one-sided p as Student's t with so many degrees of freedom (Wallace 1959).
+[[nodiscard]] inline double z_of_t(double t, double degrees) {
+  const double z = std::sqrt(degrees * std::log1p(t * t / degrees)) * (8.0 * degrees + 1.0) /
+                   (8.0 * degrees + 3.0);
+  return std::copysign(z, t);
+}
+
 /// z with the same one-sided p as Student's t test of the mean of these values against 0; 0 where
 /// there are fewer than four values or all are equal.
 [[nodiscard]] inline double z_of_mean(const std::vector<double>& values) {
@@ -27,11 +34,7 @@ namespace servotwin {
   for (const double value : values) mean += value / n;
   for (const double value : values) square += (value - mean) * (value - mean);
   if (!(square > 0.0)) return 0.0;
-  const double t = mean / std::sqrt(square / (n - 1.0) / n);
-  // Student's t as a normal variable (Wallace 1959).
-  const double z = std::sqrt((n - 1.0) * std::log1p(t * t / (n - 1.0))) * (8.0 * (n - 1.0) + 1.0) /
-                   (8.0 * (n - 1.0) + 3.0);
-  return t > 0.0 ? z : -z;
+  return z_of_t(mean / std::sqrt(square / (n - 1.0) / n), n - 1.0);
 }
 
 }  // namespace servotwin

@@ -335,13 +335,19 @@ std::string key_of_unit(const std::string& unit) {
 
 TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions& options,
                                 bool commanded) {
+  require_encoder(axis);
   if (!has_torque(axis))
     throw std::runtime_error(axis.axis + ": the recording has no torque of this axis");
   const double share = options.identify.training_share.value_or(training_share_of(axis.segments));
-  const double bandwidth_hz = torque_band(axis, share, commanded);
-  const TorqueLag lag = lag_of(axis, share, bandwidth_hz);
+  const double widest_hz = widest_torque_band(axis.sample_time_s);
+  TorqueLag lag = lag_of(axis, share, widest_hz);
   SegmentedAxis in_time = axis;
-  in_time.segments = without_lag(std::move(in_time.segments), lag);
+  in_time.segments = without_lag(axis.segments, lag);
+  const double bandwidth_hz = torque_band(in_time, share);
+  if (bandwidth_hz < widest_hz) {  // noise may have looked like a lag, or hidden one
+    lag = lag_of(axis, share, bandwidth_hz);
+    in_time.segments = without_lag(axis.segments, lag);
+  }
   TorqueRows rows(in_time, share, commanded, bandwidth_hz);
   const TorqueBody body = body_of(rows, axis.rotary);
   const TorqueSelected selected = select_torque_causes(
@@ -352,10 +358,12 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   out.rotary = axis.rotary;
   out.commanded = commanded;
   out.bandwidth_hz = bandwidth_hz;
+  out.widest_hz = widest_hz;
   out.lag = lag;
   out.opposite = body.opposite;
   out.mass = body.mass;
-  out.mass_shown = body.mass_z > kMinMassEvidence;
+  out.mass_shown = std::abs(body.mass_z) > kMinMassEvidence;
+  out.held_out_turns = body.held_out_turns;
   out.coulomb = body.coulomb;
   out.viscous = body.viscous;
   out.constant = body.opposite ? -body.constant : body.constant;
@@ -377,8 +385,9 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   const TorqueLimit limit = torque_limit(in_time.segments);
   if (!limit.found()) return out;
   const TorqueLimit trained = torque_limit(cut(in_time.segments, -1e300, out.training_to_s));
-  TorqueCause cause = cause_of_limit(limit, trained.found() ? trained.level : 0.0, body.mass,
-                                     out.training_to_s, key_of_unit(out.unit));
+  TorqueCause cause =
+      cause_of_limit(limit, trained.found() ? trained.level : 0.0, out.mass_shown ? out.mass : 0.0,
+                     out.training_to_s, key_of_unit(out.unit));
   const bool worse = cause.gain.after >= cause.gain.before;  // false where it was not measured
   if (worse) cause.doubt = TorqueDoubt::kGain;
   auto& list = worse ? out.suspected : out.causes;

@@ -63,9 +63,11 @@ struct TorqueCause {
 struct TorqueDiagnosis {
   std::string axis, unit;
   bool rotary = false;
-  bool commanded = true;      ///< false: the recording has no position command
-  TorqueLag lag;              ///< of the recorded torque, which was put in time
-  double bandwidth_hz = 0.0;  ///< up to which torque and motion are compared (torque_band.h)
+  bool commanded = true;  ///< false: the recording has no position command
+  TorqueLag lag;          ///< of the recorded torque, which was put in time
+  /// Up to which torque and motion are compared, and up to which they would be without noise
+  /// (torque_band.h).
+  double bandwidth_hz = 0.0, widest_hz = 0.0;
   /// The recorded torque has the opposite sign to the position: a positive one drives backwards.
   bool opposite = false;
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;  ///< of the baseline; 0: not shown
@@ -75,6 +77,8 @@ struct TorqueDiagnosis {
   double constant = 0.0;
   /// Of a load that swings with a rotary axis: its largest torque, and the angle where it acts.
   double gravity = 0.0, gravity_at_rad = 0.0;
+  /// The axis moves in one direction in the training data, and in the other one later.
+  bool held_out_turns = false;
   double training_to_s = 0.0;
   double baseline_rms = kAbsent, extended_rms = kAbsent;  ///< on the hold-out
   double noise_rms = kAbsent;  ///< white part of the residual of the extended model there

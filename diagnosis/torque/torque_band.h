@@ -7,9 +7,11 @@
 
 namespace servotwin {
 
-/// The bandwidth [Hz]: 40 Hz, or 0.15 of the sampling rate if that is less; halved while the mass
-/// in it is not significant, or significantly smaller than in the lowest band, where that shows
-/// one. `training_share`, `commanded` as for TorqueRows. Throws as its constructor.
-[[nodiscard]] double torque_band(const SegmentedAxis& axis, double training_share, bool commanded);
+/// 40 Hz, or 0.15 of the sampling rate if that is less.
+[[nodiscard]] double widest_torque_band(double sample_time_s);
+/// The bandwidth [Hz]: the widest, halved while the mass in it is not significant, or significantly
+/// smaller than in the lowest band, where that shows one. The torque is in time (torque_lag.h),
+/// since a lag takes mass away too. Throws as the constructor of TorqueRows.
+[[nodiscard]] double torque_band(const SegmentedAxis& axis, double training_share);
 
 }  // namespace servotwin

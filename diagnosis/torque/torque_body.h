@@ -6,34 +6,31 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
-#include <cmath>
 
 #include "diagnosis/statistics/blocked_regression.h"
 #include "diagnosis/torque/torque_rows.h"
 
 namespace servotwin {
 
-/// z of a mass (Wald test) above which the motion shows it, and with it the sign of the torque.
+/// z of a mass above which the motion shows it, and with it the sign of the torque.
 inline constexpr double kMinMassEvidence = 4.0;
 
 struct TorqueBody {
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;
-  double mass_z = 0.0;           ///< of the mass, by a Wald test
+  double mass_z = 0.0;           ///< of the mass, by Student's t
   double constant = 0.0;         ///< F, of an axis that moves in one direction; of either sign
   double gravity = 0.0;          ///< G
   double gravity_at = 0.0;       ///< x_g [rad], where it is largest
   double velocity_limit = 1e-3;  ///< v_l
   Eigen::MatrixXd columns;       ///< regressors of those that are not 0, in this order, all rows
   bool opposite = false;         ///< the recorded torque has the opposite sign to the position
-  bool both_ways = false;        ///< the axis moves in both directions
+  bool both_ways = false;        ///< the axis moves in both directions, by way or by time
+  bool held_out_turns = false;   ///< it does not, but moves in the other one in the hold-out
   bool one_speed = false;        ///< the axis moves at one constant speed throughout
 
   /// The column of the Coulomb friction and that of the viscous friction; -1: there is none.
   [[nodiscard]] Eigen::Index coulomb_column() const;
   [[nodiscard]] Eigen::Index viscous_column() const;
-  /// The force that does not depend on the speed, without its sign.
-  [[nodiscard]] double level() const { return std::max(coulomb, std::abs(constant)); }
 };
 
 /// Fits the rigid body to the training rows. Changes the sign of the torque in `rows` where it is

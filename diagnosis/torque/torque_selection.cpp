@@ -32,6 +32,9 @@ constexpr double kMinBlockZBesideWald = 2.0;
 constexpr double kMinVelocityShareLeft = 0.8;
 // Share of Coulomb friction by which friction must vary with position; every guideway varies less.
 constexpr double kMinUnevenness = 0.1;
+// Of the friction, by which it must change at a moment to be named: temperature alone changes it by
+// as much within minutes.
+constexpr double kMinChangeOfFriction = 0.05;
 constexpr int kMaxHarmonic = 8;
 constexpr std::size_t kMaxCoggingLines = 6,
                       kLinesTried = 4;  // of cogging: periods in all, per round
@@ -83,7 +86,7 @@ class TorqueSelection {
     const double removed = removed_rms(pieces, out.pieces);
     out.earned = out.rms < kMaxRmsRatioToAdd * rms &&
                  removed > kMinRemovedShareOfBaseline * baseline_ &&
-                 removed > kMinRemovedShareOfFriction * body_.level() &&
+                 removed > kMinRemovedShareOfFriction * body_.coulomb &&
                  out.p < chance / static_cast<double>(candidates);
     return out;
   }
@@ -324,7 +327,7 @@ class TorqueSelection {
     append(all, own);
     const Eigen::VectorXd theta = training_of(rows_).fit(rows_.training(all));
     const Eigen::VectorXd of_own = theta.tail(own.cols());
-    if (term.kind == kind_of<AsymmetricFriction>()) return std::abs(of_own(0)) < body_.level();
+    if (term.kind == kind_of<AsymmetricFriction>()) return std::abs(of_own(0)) < body_.coulomb;
     if (term.kind == kind_of<PeriodicDisturbance>()) {
       // A frequency with which the motion itself repeats is not a disturbance.
       const Eigen::MatrixXd wave = rows_.training(rows_.rough_waves(term.kind, term.shapes[0]));
@@ -336,13 +339,15 @@ class TorqueSelection {
     // Below the velocity at which the friction of the body turns around, it is a matter of how.
     if (term.kind == kind_of<FallingFriction>())
       return term.shapes[0] > body_.velocity_limit &&
-             std::abs(of_own(0)) > kMinStribeckShare * body_.level() && of_own(0) > -body_.level();
+             std::abs(of_own(0)) > kMinStribeckShare * body_.coulomb && of_own(0) > -body_.coulomb;
     if (term.kind == kind_of<AddedFriction>()) {
       const double fastest = rows_.velocity().cwiseAbs().maxCoeff();
-      return of_own(0) * (of_own(0) + of_own(1) * fastest) > 0.0;
+      return of_own(0) * (of_own(0) + of_own(1) * fastest) > 0.0 &&
+             (std::abs(of_own(0)) > kMinChangeOfFriction * body_.coulomb ||
+              std::abs(of_own(1)) > kMinChangeOfFriction * body_.viscous);
     }
     if (term.kind == kind_of<PositionDependentFriction>())
-      return unevenness(rows_, term, of_own) > kMinUnevenness * body_.level();
+      return unevenness(rows_, term, of_own) > kMinUnevenness * body_.coulomb;
     for (Eigen::Index i = 0; i < own.cols(); ++i) {
       if (coefficients_of(term.kind)[static_cast<std::size_t>(i)].lower == 0.0 && of_own(i) < 0.0)
         return false;

@@ -47,8 +47,9 @@ struct Body {
   double mass = 90.0, coulomb = 20.0, viscous = 200.0;
   double noise = 0.5;
   std::uint64_t seed = 1;
-  Eigen::Index samples = 20'000;  // 1 ms apart
-  double reach = 1.0;             // of the motion
+  Eigen::Index samples = 20'000;         // 1 ms apart
+  double reach = 1.0;                    // of the motion
+  double fast_hz = 2.3, fast_m = 0.006;  // of its third sine
 };
 
 /// Motion of three sines that does not repeat, with an additional force `more(x, v, t)`.
@@ -60,8 +61,9 @@ SegmentedAxis recorded(const Body& body, const More& more) {
   std::uniform_real_distribution<double> any(0.8, 1.25);
   const std::array<double, 3> amplitude{0.10 * body.reach * any(random),
                                         0.03 * body.reach * any(random),
-                                        0.006 * body.reach * any(random)};
-  const std::array<double, 3> hz{0.23 * any(random), 0.71 * any(random), 2.3 * any(random)};
+                                        body.fast_m * body.reach * any(random)};
+  const std::array<double, 3> hz{0.23 * any(random), 0.71 * any(random),
+                                 body.fast_hz * any(random)};
   SegmentedAxis out;
   out.axis = "X";
   out.torque_unit = "N";
@@ -223,6 +225,69 @@ TEST(Torque, ANoisyEncoderDoesNotTakeTheMassAway) {
   EXPECT_NEAR(diagnosis.mass, 90.0, 0.1 * 90.0);
 }
 
+TEST(Torque, AShortRecordingWithAFineEncoderKeepsItsMassAndOneWithNoiseToo) {
+  const auto nothing = [](double, double, double) { return 0.0; };
+  const TorqueDiagnosis brief =
+      diagnose_torque(recorded({.noise = 0.01, .samples = 2600}, nothing));
+  EXPECT_TRUE(brief.mass_shown);
+  EXPECT_NEAR(brief.mass, 90.0, 0.5);
+  const TorqueDiagnosis coarse = diagnose_torque(noisy(recorded({.samples = 8000}, nothing), 1e-4));
+  EXPECT_LT(coarse.bandwidth_hz, 40.0);
+  EXPECT_NEAR(coarse.mass, 90.0, 0.1 * 90.0);
+}
+
+TEST(Torque, WithoutFrictionTheMassKeepsItsSignInANoisyEncoder) {
+  for (const std::uint64_t seed : {3U, 4U, 5U, 6U, 7U, 9U}) {
+    SCOPED_TRACE(seed);
+    const SegmentedAxis axis = recorded({.coulomb = 0.0, .viscous = 0.0, .seed = seed},
+                                        [](double, double, double) { return 0.0; });
+    EXPECT_EQ(diagnose_torque(axis).bandwidth_hz, 40.0) << "a fine encoder";
+    const TorqueDiagnosis diagnosis = diagnose_torque(noisy(axis, 2e-4));
+    EXPECT_FALSE(diagnosis.opposite);
+    EXPECT_NEAR(diagnosis.mass, 90.0, 0.12 * 90.0);
+  }
+}
+
+TEST(Torque, ALagIsSeenBeforeTheBandIsChosen) {
+  const TorqueDiagnosis late = diagnose_torque(filtered(
+      recorded({.fast_hz = 9.0, .fast_m = 1e-3}, [](double, double, double) { return 0.0; }),
+      0.01));
+  EXPECT_EQ(late.bandwidth_hz, 40.0);
+  EXPECT_NEAR(late.lag.s, 0.01, 1e-3);
+  EXPECT_NEAR(late.coulomb, 20.0, 2.0);
+  EXPECT_NEAR(late.mass, 90.0, 4.0);
+}
+
+/// Forwards at 0.2 m/s and back at 0.02 m/s, two seconds each: a tenth of the way is backwards, and
+/// half of the time.
+TEST(Torque, ASlowReturnIsADirectionOfItsOwn) {
+  SegmentedAxis axis = recorded({}, [](double, double, double) { return 0.0; });
+  Segment& s = axis.segments.front();
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> noise(0.0, 0.5);
+  constexpr double kRise_s = 0.2, kStroke_s = 2.0;
+  double x = 0.0;
+  for (Eigen::Index k = 0; k < s.size(); ++k) {
+    const double t = s.sample_time_s * static_cast<double>(k);
+    const double u = std::fmod(t, kStroke_s),
+                 fast = std::fmod(t, 2.0 * kStroke_s) < kStroke_s ? 0.2 : -0.02;
+    const double to_end = std::min(u, kStroke_s - u), phase = kPi * std::min(1.0, to_end / kRise_s);
+    const double v = fast * 0.5 * (1.0 - std::cos(phase));
+    const double a = to_end < kRise_s ? std::copysign(1.0, kStroke_s - 2.0 * u) * fast * 0.5 * kPi /
+                                            kRise_s * std::sin(phase)
+                                      : 0.0;
+    x += v * s.sample_time_s;
+    s.command(k) = s.actual(k) = x;
+    s.torque(k) = 90.0 * a + 20.0 * std::tanh(v / 4e-4) + 200.0 * v + noise(random);
+  }
+  const TorqueDiagnosis diagnosis = diagnose_torque(axis);
+  EXPECT_NEAR(diagnosis.mass, 90.0, 2.0);
+  EXPECT_NEAR(diagnosis.coulomb, 20.0, 1.0);
+  EXPECT_NEAR(diagnosis.viscous, 200.0, 10.0);
+  EXPECT_EQ(diagnosis.constant, 0.0);
+  EXPECT_THAT(ids(diagnosis), IsEmpty()) << testing::PrintToString(diagnosis.steps);
+}
+
 TEST(Torque, AMassThatTheMotionDoesNotShowIsNoResult) {
   SegmentedAxis axis =
       recorded({.mass = 1e-3, .seed = 3}, [](double, double, double) { return 0.0; });
@@ -251,6 +316,7 @@ TEST(Torque, OneDirectionShowsFrictionAndWeightTogether) {
   EXPECT_NEAR(diagnosis.constant, kFriction_n + kWeight_n, 4.0);
   EXPECT_NEAR(diagnosis.mass, 90.0, 4.0);
   EXPECT_EQ(diagnosis.coulomb, 0.0);
+  EXPECT_NEAR(diagnose_torque(noisy(axis, 2e-4)).mass, 90.0, 0.12 * 90.0);
   s.torque = -s.torque;
   const TorqueDiagnosis against = diagnose_torque(axis);
   EXPECT_TRUE(against.opposite);
