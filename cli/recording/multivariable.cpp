@@ -182,6 +182,7 @@ Signals read(const MultivariableArguments& arguments, std::FILE* people) {
   }
   for (const Channel& output : outputs) {
     if (output.name != "error") continue;
+    require_encoder(axes.segmented(output.axis));
     if (const std::string why = why_scaled(axes.segmented(output.axis).segments); !why.empty())
       throw std::runtime_error(whole.source + ": " + output.axis + ": " + why);
   }

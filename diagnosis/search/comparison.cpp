@@ -371,6 +371,7 @@ std::vector<Cause> causes_of(const Varied& changed, const std::vector<EvidenceOf
 
 Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
                   const DiagnoseOptions& options) {
+  require_encoder(axis);
   check(axis, earlier);
   ModelRecord discretised = earlier;
   discretised.model.sample_time_s = axis.sample_time_s;

@@ -489,6 +489,7 @@ void DiagnoseOptions::begin(std::string_view what) const {
 }
 
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+  require_encoder(axis);
   const TorqueLimit limit = torque_limit(axis.segments);
   if (!limit.found() || options.leaves_out("torque_saturation"))
     return diagnose_repeatedly(axis, options);

@@ -73,6 +73,9 @@ struct Cause {
   std::string at_end;            ///< with CauseDoubt::kParameters: what is at its limit, for people
   std::vector<Moved> moved;      ///< in a comparison with an earlier model only
   std::optional<Model> without;  ///< the extended model refitted without it
+
+  /// Whether it was counted in the recording, not inferred: the model does not contain it.
+  [[nodiscard]] bool counted() const { return place == kNoEffect && moved.empty(); }
 };
 
 struct Diagnosis {

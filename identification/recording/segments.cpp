@@ -494,7 +494,16 @@ std::vector<Segment> with_lead_in(const std::vector<Segment>& parts,
   return out;
 }
 
+void require_encoder(const SegmentedAxis& axis) {
+  for (const Segment& segment : axis.segments) {
+    if (segment.actual.size() == 0)
+      throw UnusableRecording(axis.source + ": " + axis.axis +
+                              ".actual has no values; the encoder is needed for comparison");
+  }
+}
+
 void require_motion(const SegmentedAxis& axis) {
+  require_encoder(axis);
   constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
   // A slow position loop has its bandwidth at 5 Hz, which four samples in a period still show.
   constexpr double kMaxSamplingTime_s = 0.05;
@@ -517,9 +526,6 @@ void require_motion(const SegmentedAxis& axis) {
     double lowest = HUGE_VAL, highest = -HUGE_VAL;
     for (const Segment& segment : axis.segments) {
       const Eigen::ArrayXd& x = segment.*values;
-      if (x.size() == 0) {
-        throw std::runtime_error(name + " has no values; the encoder is needed for comparison");
-      }
       samples += x.size();
       lowest = std::min(lowest, x.minCoeff());
       highest = std::max(highest, x.maxCoeff());

@@ -108,6 +108,9 @@ double append(SegmentedAxis& axis, SegmentedAxis next);
 [[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
                                        double to_s);
 
+/// Throws UnusableRecording where a segment has no encoder values.
+void require_encoder(const SegmentedAxis& axis);
+
 /// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
 /// an axis at rest. Throws UnusableRecording if the command is faster or longer than any machine:
 /// its unit is wrong.

@@ -145,8 +145,8 @@ std::string remark_on_time(std::span<const Segment> segments) {
   out.precision(2);
   const double delay_s = h * static_cast<double>(best);
   out << "shows the commanded motion " << delay_s
-      << " s later and hardly changed: the lag of a loop with a velocity gain of about "
-      << 1.0 / delay_s << " 1/s, where one clock recorded both; otherwise shift one of them first";
+      << " s later and hardly changed: as late as a loop with a velocity gain of " << 1.0 / delay_s
+      << " 1/s, which would smooth it; where two clocks recorded them, shift one";
   return out.str();
 }
 

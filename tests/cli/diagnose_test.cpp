@@ -55,6 +55,16 @@ TEST_F(Diagnose, WritesTheTestMotionWhereSomethingIsInDoubt) {
   EXPECT_THAT(simulated.out, HasSubstr("1 segment"));
 }
 
+TEST_F(Diagnose, RefusesARecordingWithoutAnEncoder) {
+  const std::string path = folder_.write("commands.csv", command_table(8.0, rich_motion));
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"diagnose", path}, {"diagnose", path, "--model", model_}}) {
+    const Answer answer = servotwin_says(arguments);
+    EXPECT_EQ(answer.status, 1) << answer;
+    EXPECT_THAT(answer.err, HasSubstr("X.actual has no values; the encoder is needed"));
+  }
+}
+
 TEST_F(Diagnose, SaysThatNoneIsNeeded) {
   const Answer answer = diagnosed(rich_motion);
   ASSERT_EQ(answer.status, 0) << answer;
