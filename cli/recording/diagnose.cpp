@@ -62,13 +62,6 @@ std::string by_torque_alone(const Diagnosis& diagnosis,
               count, count == 1 ? "" : "s");
 }
 
-/// The first cause that is the same effect of the model: one law of friction may be several causes.
-const Cause* first_of_place(const Diagnosis& diagnosis, const Cause& cause) {
-  if (cause.place == kNoEffect) return &cause;
-  return &*std::find_if(diagnosis.causes.begin(), diagnosis.causes.end(),
-                        [&](const Cause& other) { return other.place == cause.place; });
-}
-
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                    const std::optional<TorqueDiagnosis>& torque,
                    const std::optional<EncoderDifference>& encoders, bool details) {
@@ -102,9 +95,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
       line += text(", confidence %.0f %%", 100.0 * cause.confidence);
     }
     say(people, line);
-    const Cause* first = first_of_place(diagnosis, cause);
-    say(people, "              " + (first == &cause ? cause_text(diagnosis, cause)
-                                                    : "one law with " + first->id + ", above"));
+    say(people, "              " + cause_text(diagnosis, cause));
     if (const std::string also = torque ? torque_beside(*torque, cause.id) : ""; !also.empty())
       say(people, "              " + also);
     if (const std::string also = encoders ? encoders_beside(*encoders, cause.id) : "";
@@ -290,6 +281,10 @@ void run(const DiagnoseArguments& arguments) {
   }
   say(people, "");
   for (const std::string& sentences : in_short(diagnosis, torque)) tell(people, sentences);
+  // What was mended before is no part of the diagnosis, but it is of the axis.
+  for (const std::string& note : recording.notes) {
+    if (note.starts_with(axis.axis + ": ")) tell(people, "Before the diagnosis: " + note + ".");
+  }
   if (!arguments.report.empty())
     write_result(arguments.report,
                  report_html(diagnosis, axis.segments, axis.source, torque, encoders));

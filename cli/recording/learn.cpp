@@ -60,6 +60,23 @@ void require_motion(const std::string& source, const std::vector<CommandedAxis>&
     throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
 }
 
+/// Warns of a delay between command and encoder: a recording does not tell whether the machine has
+/// it, or the recorder alone.
+void say_delay(const CommandedAxis& axis, std::FILE* people) {
+  const double delay_s = axis.record.model.command_delay_s();
+  if (!(delay_s > 0.0)) return;
+  const Eigen::ArrayXd& path = axis.path.command;
+  const Eigen::Index n = path.size() - 1;
+  const double fastest = (path.tail(n) - path.head(n)).abs().maxCoeff() / axis.path.sample_time_s;
+  say(people,
+      "warning: " + axis.record.axis +
+          text(": the model has a delay of %.3g ms between command and encoder. If only the "
+               "recording has it, and not the machine, the corrected path leads by up to ",
+               1e3 * delay_s) +
+          micro_text(delay_s * fastest, axis.record.rotary, 3) +
+          ": see docs/causes/time_delay.md before the correction is used");
+}
+
 /// Throws if no drive can follow the motion or it is far beyond that of the model; prints whether
 /// it is beyond it, or whether that is unknown.
 MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
@@ -228,6 +245,7 @@ void run(const LearnArguments& arguments) {
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
     const MotionReach reach = look_at_motion(arguments.commands.path.file.string(), axis, people);
+    say_delay(axis, people);
     correction.axes.push_back(corrected_axis(arguments, std::move(axis)));
     correction.axes.back().beyond_model = reach.beyond();
   }

@@ -289,8 +289,10 @@ void print(const PredictedAxis& one, std::FILE* people) {
                                                : "too short for an initial state, not evaluated"));
   }
   tell(people, "all                    " + figures_text(one.all, rotary));
+  const double error = tracking_error_rms(one.model, one.axis.segments);
+  say(people, text("tracking error         %9.3f %s RMS", 1e6 * error, micro(rotary)));
   say(people, "noise floor            " + noise_floor_text(one.noise_floor, rotary));
-  if (const double error = tracking_error_rms(one.model, one.axis.segments); one.all.rms > error) {
+  if (one.all.rms > error) {
     say(people, text("note: the tracking error itself is %s RMS only: this model predicts worse "
                      "than none. Are the columns of command and encoder exchanged, is it another "
                      "axis, or was the drive tuned since?",

@@ -61,6 +61,13 @@ std::string plain_name(const std::string& id) {
   return id;
 }
 
+std::string plain_name(const Diagnosis& diagnosis, const Cause& cause) {
+  const std::vector<Effect>& effects = diagnosis.extended.model.effects;
+  const bool swings = cause.id == "gravity_offset" && cause.place < effects.size() &&
+                      effects[cause.place].kind == kind_of<SwingingLoad>();
+  return swings ? "the weight of a load that swings with it" : plain_name(cause.id);
+}
+
 std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   const json file = to_json(diagnosis, "");
   json parameters;
@@ -143,7 +150,7 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
   const char *what = path ? "contour error" : "tracking error",
              *unit = micro(path ? false : rotary);
   if (!worth_a_repair(gain))
-    return text(" Without it the %s of this motion would stay at %s RMS.", what,
+    return text(" Its repair would not lower the %s of this motion, %s RMS.", what,
                 micro_text(now, !path && rotary, 3).c_str());
   return text(" Without it the %s of this motion would be %.3g %s RMS instead of %.3g.", what,
               1e6 * then, unit, 1e6 * now);
@@ -177,23 +184,28 @@ std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::str
              text(" agrees with its simulation to %s RMS",
                   micro_text(1e-6 * before, diagnosis.baseline.rotary, 3).c_str()) +
              (by_torque.empty() ? ": no cause needs to be looked for." : "." + of_torque);
-    case Verdict::kUnexplained:
-      return axis +
-             text(" deviates from its simulation in a way that %s: the error is %s RMS.",
-                  diagnosis.causes.empty() ? "none of the known causes explains"
-                                           : "the causes below explain only in part",
+    case Verdict::kUnexplained: {
+      std::string named;
+      for (const Cause& cause : diagnosis.causes)
+        if (!cause.counted()) named += (named.empty() ? "" : "; ") + plain_name(diagnosis, cause);
+      return axis + " deviates from its simulation in a way that " +
+             (named.empty() ? "none of the known causes explains"
+                            : "is explained only in part, by " + named) +
+             text(": the error is %s RMS.",
                   micro_text(1e-6 * before, diagnosis.baseline.rotary, 3).c_str()) +
-             (diagnosis.causes.empty() ? of_torque : shown);
+             (named.empty() ? of_torque : shown);
+    }
     case Verdict::kExplained:
       break;
   }
   const Cause& first = diagnosis.causes.front();
-  std::string out = axis + " has " + plain_name(first.id) + ": " + plain_size(diagnosis, first) +
-                    "." + worth_of_repair(first.gain, diagnosis.baseline.rotary);
+  std::string out = axis + " has " + plain_name(diagnosis, first) + ": " +
+                    plain_size(diagnosis, first) + "." +
+                    worth_of_repair(first.gain, diagnosis.baseline.rotary);
   if (diagnosis.causes.size() > 1) {
     out += " Further causes: ";
     for (std::size_t i = 1; i < diagnosis.causes.size(); ++i)
-      out += (i > 1 ? "; " : "") + plain_name(diagnosis.causes[i].id);
+      out += (i > 1 ? "; " : "") + plain_name(diagnosis, diagnosis.causes[i]);
     out += ".";
   }
   out += shown;

@@ -11,6 +11,8 @@ namespace servotwin {
 /// The plain name of a cause of the contract, such as "friction that differs between the two
 /// directions"; the identifier itself where there is no such cause.
 [[nodiscard]] std::string plain_name(const std::string& id);
+/// The same; of a load that swings with the axis not "a constant force".
+[[nodiscard]] std::string plain_name(const Diagnosis& diagnosis, const Cause& cause);
 
 /// How large the cause is, in mm, um, ms and N per kg of moved mass (mrad, urad and N m per kg m^2
 /// on a rotary axis).

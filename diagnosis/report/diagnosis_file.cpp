@@ -241,12 +241,14 @@ std::string verdict_of_loop(const Diagnosis& diagnosis) {
       return text("nothing significant: the simulation error is %.3g %s RMS, ", before, unit) +
              noise;
     case Verdict::kUnexplained:
-      if (count > 0)
+      if (const auto inferred = std::count_if(diagnosis.causes.begin(), diagnosis.causes.end(),
+                                              [](const Cause& one) { return !one.counted(); });
+          inferred > 0)
         return text(
-            "unexplained: %zu cause%s named, but too large a residual remains; the simulation "
-            "error "
-            "on held-out data is %.3g %s RMS instead of %.3g, %.1f times the noise floor",
-            count, plural, after, unit, before, after / floor);
+            "unexplained: %td cause%s named, but too large a residual remains; the simulation "
+            "error on held-out data is %.3g %s RMS instead of %.3g%s, %.1f times the noise floor",
+            inferred, inferred == 1 ? "" : "s", after, unit, before,
+            diagnosis.suspected.empty() ? "" : ", what is suspected included", after / floor);
       return text(
                  "unexplained: the simulation error is %.3g %s RMS, %.1f times the noise floor, "
                  "and no cause in the catalogue explains it",
@@ -303,6 +305,11 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
     }
     return out;
   }
+  // One law of friction may be several causes.
+  const auto named = std::find_if(diagnosis.causes.begin(), diagnosis.causes.end(),
+                                  [&](const Cause& one) { return one.place == cause.place; });
+  if (named != diagnosis.causes.end() && named->id != cause.id)
+    return "one law with " + named->id + ", above";
   const Effect& effect = diagnosis.extended.model.effects[cause.place];
   const bool rotary = diagnosis.baseline.rotary;
   std::string out;

@@ -167,6 +167,15 @@ std::string why_too_few_samples(const PoleSet& poles, double sample_time_s) {
                  " samples per second");
 }
 
+/// Where the steps of the encoder are a good part of this error: how large they are.
+std::string coarse_encoder(double step, double rms, bool rotary) {
+  constexpr double kMinShare = 0.2;  // of the error, by its rounding
+  const double rounding = step / std::sqrt(12.0);
+  if (!(rounding > kMinShare * rms)) return {};
+  return message("; the encoder has steps of ", micro_text(step, rotary),
+                 ", whose rounding alone is ", micro_text(rounding, rotary), " RMS");
+}
+
 /// "outside of the search bounds (damping 0.056, not 0.2 to 2)"; empty: all poles are inside.
 std::string outside_of(const Loop& loop, const PoleSet& poles, const PoleBounds& bounds) {
   if (inside(loop, bounds)) return {};
@@ -444,7 +453,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     out.refusals.push_back(message(
         "on the held-out data the residual of the model is ",
         micro_text(record.holdout.rms, axis.rotary), " RMS, not below the tracking error of ",
-        micro_text(before, axis.rotary), " RMS: the model predicts nothing"));
+        micro_text(before, axis.rotary), " RMS: the model predicts nothing",
+        coarse_encoder(encoder_step, before, axis.rotary)));
   }
   return out;
 }

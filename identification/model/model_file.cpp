@@ -506,7 +506,8 @@ ModelRecord read_model(const std::filesystem::path& path) {
   } catch (const json::parse_error& error) {
     throw std::runtime_error(
         path.string() + ": model file: is no complete JSON document (error at byte " +
-        std::to_string(error.byte) + " of " + std::to_string(content.str().size()) + ")");
+        std::to_string(error.byte) + " of " + std::to_string(content.str().size()) +
+        "); servotwin identify REC --model FILE writes one");
   } catch (const json::exception& error) {  // a number beyond all bounds
     throw std::runtime_error(path.string() + ": model file: " + error.what());
   }

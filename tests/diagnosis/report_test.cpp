@@ -206,7 +206,7 @@ TEST(Words, SayWhatARepairWouldBring) {
               HasSubstr("contour error of this motion would be 2 um"));
   gain.contour_repaired = 5.99e-6;
   EXPECT_THAT(plain_verdict(one.diagnosis),
-              HasSubstr("Without it the contour error of this motion would stay at 6 um RMS."));
+              HasSubstr("Its repair would not lower the contour error of this motion, 6 um RMS."));
 }
 
 TEST(Words, ALagThatIsADelayIsNotThatOfADrive) {
