@@ -12,6 +12,7 @@
 #include "cli/common/output.h"
 #include "cli/recording/correction.h"
 #include "cli/recording/path_gcode.h"
+#include "diagnosis/report/diagnosis_file.h"
 #include "drivers/common/text.h"
 #include "identification/model/motion_reach.h"
 #include "identification/model/stated_deviations.h"
@@ -73,8 +74,8 @@ void say_delay(const CommandedAxis& axis, std::FILE* people) {
           text(": the model has a delay of %.3g ms between command and encoder. If only the "
                "recording has it, and not the machine, the corrected path leads by up to ",
                1e3 * delay_s) +
-          micro_text(delay_s * fastest, axis.record.rotary, 3) +
-          ": see docs/causes/time_delay.md before the correction is used");
+          micro_text(delay_s * fastest, axis.record.rotary, 3) + ": see " +
+          page_to_read("time_delay") + " before the correction is used");
 }
 
 /// Throws if no drive can follow the motion or it is far beyond that of the model; prints whether

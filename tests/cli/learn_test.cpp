@@ -239,6 +239,21 @@ TEST_F(Learn, SaysWhereThePathLeavesItNoRoom) {
   EXPECT_THAT(learn({}).out, Not(HasSubstr("warning:")));
 }
 
+// The circle of 8 mm is fastest at its half, along Y: 4 pi 15/8 / 2.4 s times the radius is
+// 78.5 mm/s, of which 5 ms are 393 um.
+TEST_F(Learn, WarnsOfADelayThatOnlyTheRecordingMayHave) {
+  EXPECT_THAT(learn({}).out, Not(HasSubstr("delay")));
+  ModelRecord late = known_axis("Y");
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 5e-3;
+  late.model.effects.push_back(delay);
+  write_model(y_, late);
+  const Answer answer = learn({});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("warning: Y: the model has a delay of 5 ms"));
+  EXPECT_THAT(answer.out, HasSubstr("leads by up to 393 um"));
+}
+
 TEST_F(Learn, APathThatNeverMovesIsRefused) {
   std::string table = "time[s],X.command[mm],Y.command[mm]\n";
   for (int k = 0; k < 1000; ++k) table += cell(0.001 * k) + ",3,4\n";

@@ -81,6 +81,24 @@ TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
             "(noise floor 0.13)");
 }
 
+TEST(VerdictText, WhatWasCountedExplainsNothing) {
+  Diagnosis diagnosis;
+  diagnosis.baseline.axis = "X";
+  diagnosis.verdict = Verdict::kUnexplained;
+  diagnosis.causes.resize(1);
+  diagnosis.causes[0].id = "dropped_samples";
+  diagnosis.causes[0].place = kNoEffect;
+  EXPECT_THAT(verdict_text(diagnosis), HasSubstr("no cause in the catalogue explains it"));
+  EXPECT_THAT(plain_verdict(diagnosis), HasSubstr("none of the known causes explains"));
+  diagnosis.extended.model.effects.push_back(make_effect<SwingingLoad>());
+  diagnosis.causes.resize(2);
+  diagnosis.causes[1].id = "gravity_offset";
+  diagnosis.causes[1].place = 0;
+  EXPECT_THAT(verdict_text(diagnosis), HasSubstr("unexplained: 1 cause named"));
+  EXPECT_THAT(plain_verdict(diagnosis),
+              HasSubstr("explained only in part, by the weight of a load that swings with it"));
+}
+
 TEST(Verdict, BeginsWithTheLimitOfTheMotor) {
   Diagnosis diagnosis;
   diagnosis.baseline.axis = "X";
