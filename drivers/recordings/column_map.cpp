@@ -94,8 +94,7 @@ Unit unit_of(const std::string& where, const std::string& written,
   const auto unit = parse_unit(*text);
   if (!unit && *text == "unit") {  // of a proposal, or of the help, as it is
     throw Error(where + "column " + in_quotes(written) +
-                ": in place of [unit] write the unit of its values, one of " +
-                std::string(kKnownUnits));
+                ": replace [unit] by the unit of its values, one of " + std::string(kKnownUnits));
   }
   if (!unit) {
     throw Error(where + "column " + in_quotes(written) + " has the unknown unit [" + *text +

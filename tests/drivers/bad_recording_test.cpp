@@ -253,8 +253,7 @@ TEST_F(BadRecording, MappingSyntax) {
   refuses_columns("X.command=qg", {"'X.command=qg' has no unit", "X.command=qg[unit]"});
   refuses_columns("X.command=qg[]", {"unknown unit []"});
   refuses_columns("X.command=qg[parsec]", {"unknown unit [parsec]"});
-  refuses_columns("X.command=qg[unit]",
-                  {"in place of [unit] write the unit of its values", "mm um"});
+  refuses_columns("X.command=qg[unit]", {"replace [unit] by the unit of its values", "mm um"});
   refuses_columns("X.command=qg[V]", {"'X.command' cannot be a torque"});
   refuses_columns("X.comand=qg[m]", {"'X.comand'", "did you mean 'command'", "following_error"});
   refuses_columns("command=qg[m]", {"'command'", "AXIS.channel"});
