@@ -80,6 +80,14 @@ void write_json(const std::filesystem::path& file, const nlohmann::json& json) {
   write_result(file, json.dump(2) + "\n");
 }
 
+void say_written(std::FILE* people, std::initializer_list<std::filesystem::path> results) {
+  std::string files;
+  for (const std::filesystem::path& file : results) {
+    if (!file.empty() && !is_stdout(file)) files += (files.empty() ? "" : ", ") + file.string();
+  }
+  if (!files.empty()) say(people, "written     " + files);
+}
+
 std::string csv(const std::vector<Column>& columns) {
   std::string out;
   for (const Column& column : columns) out += (out.empty() ? "" : ",") + column.name;

@@ -5,6 +5,7 @@
 #include <condition_variable>
 #include <cstdio>
 #include <filesystem>
+#include <initializer_list>
 #include <mutex>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -41,6 +42,10 @@ void write_line(std::string_view line);
 /// Writes a result completely or not at all; "-" is standard output. Throws std::runtime_error.
 void write_result(const std::filesystem::path& file, std::string_view content);
 void write_json(const std::filesystem::path& file, const nlohmann::json& json);
+
+/// Says which files the results went to; nothing of standard output, and nothing where no result
+/// was asked for.
+void say_written(std::FILE* people, std::initializer_list<std::filesystem::path> results);
 
 /// A table as CSV, every number with as many digits as are needed to read back the same number. All
 /// columns have the same length.

@@ -114,6 +114,7 @@ void run(HistoryArguments arguments) {
                                 {"machine", arguments.machine},
                                 {"axis", arguments.axis},
                                 {"diagnoses", list}});
+  say_written(people, {arguments.result});
 }
 
 }  // namespace

@@ -147,6 +147,7 @@ void run(const PreviewArguments& arguments) {
   }
   print(answer.front(), people);
   if (!arguments.table.empty()) write_result(arguments.table, table_of(path, answer));
+  say_written(people, {arguments.table});
 }
 
 }  // namespace

@@ -111,6 +111,7 @@ void run(const WatchArguments& arguments) {
   if (!arguments.result.empty())
     write_json(arguments.result, summary_json(record, arguments.bus.place.machine,
                                               record.predictions() > 0 ? last_s : since(start)));
+  say_written(people, {arguments.result});
   if (record.predictions() == 0) {
     throw std::runtime_error("no prediction was received for " + arguments.bus.text() +
                              (subscriber.daemon_there()

@@ -423,6 +423,7 @@ void run(const CharacterizeArguments& arguments) {
     out.update(found.result);
     write_json(arguments.result, out);
   }
+  say_written(people, {arguments.plot, arguments.result});
   if (arguments.model.empty()) return;
   write_json(arguments.model, to_json(record));
   say(people, "written     " + arguments.model.string() +

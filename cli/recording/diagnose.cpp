@@ -199,10 +199,11 @@ void run_on_torque(const DiagnoseArguments& arguments, const SegmentedAxis& axis
     if (encoders) result["encoder_difference"] = to_json(*encoders);
     write_json(arguments.result, result);
   }
-  say(people, "");
-  for (const std::string& sentences : in_short(torque, reason)) tell(people, sentences);
   if (!arguments.report.empty())
     write_result(arguments.report, torque_page(torque, axis.source, reason));
+  say_written(people, {arguments.result, arguments.report});
+  say(people, "");
+  for (const std::string& sentences : in_short(torque, reason)) tell(people, sentences);
 }
 
 /// Nothing if there is no torque or too little of it; the latter is printed.
@@ -279,15 +280,16 @@ void run(const DiagnoseArguments& arguments) {
     if (encoders) result["encoder_difference"] = to_json(*encoders);
     write_json(arguments.result, result);
   }
+  if (!arguments.report.empty())
+    write_result(arguments.report,
+                 report_html(diagnosis, axis.segments, axis.source, torque, encoders));
+  say_written(people, {arguments.extended, arguments.result, arguments.report});
   say(people, "");
   for (const std::string& sentences : in_short(diagnosis, torque)) tell(people, sentences);
   // What was mended before is no part of the diagnosis, but it is of the axis.
   for (const std::string& note : recording.notes) {
     if (note.starts_with(axis.axis + ": ")) tell(people, "Before the diagnosis: " + note + ".");
   }
-  if (!arguments.report.empty())
-    write_result(arguments.report,
-                 report_html(diagnosis, axis.segments, axis.source, torque, encoders));
 }
 
 }  // namespace

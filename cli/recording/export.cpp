@@ -171,6 +171,7 @@ void run(const ExportArguments& arguments) {
                           {"cycle_inputs", names.cycle_inputs}};
   }
   if (!arguments.result.empty()) write_json(arguments.result, result);
+  say_written(people, {arguments.unit, arguments.matrices, arguments.result});
 }
 
 }  // namespace

@@ -139,6 +139,7 @@ void run(const FitAxisArguments& arguments) {
   friction(arguments.bare.file, FrictionOf::kDrive, "stage 2, friction of the bare axis");
   friction(arguments.covered, FrictionOf::kCover, "stage 3, friction that the cover adds");
   if (!arguments.out.empty()) write_result(arguments.out, with_fitted(arguments.file, parts));
+  say_written(people, {arguments.out});
 }
 
 }  // namespace

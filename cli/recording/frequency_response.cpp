@@ -226,6 +226,7 @@ void run(const FrequencyResponseArguments& arguments) {
   say_fit(people, found);
   if (!arguments.plot.empty()) write_result(arguments.plot, bode(signals, found));
   if (!arguments.result.empty()) write_json(arguments.result, result_of(arguments, signals, found));
+  say_written(people, {arguments.plot, arguments.result});
 }
 
 }  // namespace

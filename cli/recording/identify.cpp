@@ -68,6 +68,9 @@ double tracking_rms(const ModelRecord& record, const std::vector<Segment>& segme
   return std::sqrt(sum / count);
 }
 
+/// It may find none.
+constexpr const char* kSeekCauses = "; 'servotwin diagnose' looks for the causes of what is left";
+
 /// Whether and for what the model can be used, in one line.
 std::string verdict_text(const Identified& identified, const std::vector<Segment>& segments) {
   const ModelRecord& record = identified.record;
@@ -85,15 +88,14 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
   if (explained < kMinExplained && left <= kMaxRmsOverFloor * record.noise_floor.rms)
     return "as good as this encoder shows: " + share +
            ", which is the encoder's own noise: a finer encoder or a longer motion tells more";
-  if (explained < kMinExplained)
-    return "weak: " + share + "; 'servotwin diagnose' tells what is missing";
+  if (explained < kMinExplained) return "weak: " + share + kSeekCauses;
   if (!record.excitation.empty())
     return "good for motion like this: " + share +
            "; other motion may be predicted worse, since not all of the model was excited";
   // Above it noise is less than a ninth of the squared residual.
   constexpr double kMaxRmsOverFloorOfNoise = 3.0;
   if (record.noise_floor.rms > 0.0 && left > kMaxRmsOverFloorOfNoise * record.noise_floor.rms)
-    return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
+    return "good for predictions: " + share + kSeekCauses;
   return "good: " + share + ", little more than the noise";
 }
 
@@ -123,18 +125,22 @@ void say_result(std::FILE* people, const Identified& identified,
   for (const std::string& line : parameter_lines(record)) say(people, line);
   for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
   if (record.excitation.empty()) {
-    say(people, record.method == "full-ls"
-                    ? "excitation  the motion has reversals and acceleration; full LS estimates no "
-                      "standard deviations"
-                    : "excitation  sufficient: the standard deviations of the poles and of the "
-                      "friction level are below half of their values");
+    say(people,
+        record.method == "full-ls"
+            ? "excitation  the motion has reversals and acceleration; full LS estimates no "
+              "standard deviations"
+        : scatter_decides(record)
+            ? "excitation  sufficient: the standard deviations of the poles and of the friction "
+              "level are below half of their values"
+            : "excitation  sufficient against noise; more than noise limits the accuracy, see "
+              "the note");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
   if (record.method != "full-ls" && !scatter_decides(record)) {
     say(people,
         text("note        the residual is %.0f times the noise floor: effects that the model "
-             "does not have shift its values further than noise, and no standard deviation "
-             "is given",
+             "does not have shift its values, the poles as well, further than noise, and no "
+             "standard deviation is given",
              record.training.rms / record.noise_floor.rms));
   }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
@@ -199,9 +205,8 @@ void run(const IdentifyArguments& arguments) {
                  plot_rows_svg(prediction_panels(record.axis, record.rotary, record.model, holdout,
                                                  record.holdout, record.noise_floor)));
   }
-  if (arguments.model.empty()) return;
-  write_json(arguments.model, to_json(identified.record));
-  if (!is_stdout(arguments.model)) say(people, "written     " + arguments.model.string());
+  if (!arguments.model.empty()) write_json(arguments.model, to_json(identified.record));
+  say_written(people, {arguments.result, arguments.plot, arguments.model});
 }
 
 /// MIN:MAX.

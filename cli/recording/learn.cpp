@@ -289,6 +289,7 @@ void run(const LearnArguments& arguments) {
   if (!arguments.gcode.empty()) write_gcode(arguments, correction, corrected, people);
   if (!arguments.report.empty()) write_result(arguments.report, report_html(correction));
   if (!arguments.result.empty()) write_json(arguments.result, to_json(correction));
+  say_written(people, {arguments.table, arguments.gcode, arguments.report, arguments.result});
 }
 
 }  // namespace

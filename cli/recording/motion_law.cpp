@@ -220,9 +220,7 @@ void run(const MotionLawArguments& arguments) {
     say(people, text("table       %.0f rows at %.6g Hz", rows, arguments.rate_hz));
   }
   if (!arguments.json.empty()) write_json(arguments.json, json_of(arguments, plan, law));
-  for (const auto& file : {arguments.table, arguments.json}) {
-    if (!file.empty() && !is_stdout(file)) say(people, "written     " + file.string());
-  }
+  say_written(people, {arguments.table, arguments.json});
 }
 
 }  // namespace

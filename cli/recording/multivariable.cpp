@@ -531,6 +531,7 @@ void run(const MultivariableArguments& arguments) {
   if (!arguments.result.empty()) write_json(arguments.result, result_of(arguments, signals, fit));
   if (!arguments.matrices.empty()) write_mat(arguments.matrices, mat_of(signals, fit));
   if (!arguments.plot.empty()) write_result(arguments.plot, bode(signals, fit, people));
+  say_written(people, {arguments.result, arguments.matrices, arguments.plot});
 }
 
 }  // namespace

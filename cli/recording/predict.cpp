@@ -343,6 +343,7 @@ void run(PredictArguments arguments) {
   if (!arguments.table.empty()) write_result(arguments.table, table_of(all));
   if (!arguments.result.empty()) write_json(arguments.result, result_of(all, contour));
   if (!arguments.plot.empty()) write_result(arguments.plot, plot_of(all));
+  say_written(people, {arguments.table, arguments.result, arguments.plot});
 }
 
 }  // namespace

@@ -298,6 +298,7 @@ void run(const SequenceArguments& arguments) {
     out["direction_ratio"] = number_or_null(ratio);
     write_json(arguments.result, out);
   }
+  say_written(people, {arguments.plot, arguments.result});
 }
 
 }  // namespace

@@ -83,6 +83,7 @@ void run(const SimulateArguments& arguments) {
                                  record.rotary));
   }
   if (!arguments.table.empty()) write_result(arguments.table, csv(columns));
+  say_written(people, {arguments.table});
 }
 
 /// STEP or STEP:SIGMA in um.

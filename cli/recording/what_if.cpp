@@ -317,6 +317,7 @@ void run(const WhatIfArguments& arguments) {
     }
     write_json(arguments.result, out);
   }
+  say_written(people, {arguments.plot, arguments.result});
 }
 
 }  // namespace

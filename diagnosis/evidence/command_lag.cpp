@@ -26,11 +26,15 @@ CommandLag command_lag(std::span<const Segment> segments) {
   return out;
 }
 
+std::string tracking_text(const CommandLag& lag, const std::string& axis, bool rotary) {
+  return "The tracking error of axis " + axis + " is " + micro_text(lag.tracking_rms, rotary, 3) +
+         " RMS on held-out motion";
+}
+
 std::string lag_text(const CommandLag& lag, const std::string& axis, bool rotary) {
   if (!std::isfinite(lag.tracking_rms)) return {};
   constexpr double kNamedShare = 0.5;  // of the squared error: the majority
-  std::string out = "The tracking error of axis " + axis + " is " +
-                    micro_text(lag.tracking_rms, rotary, 3) + " RMS";
+  std::string out = tracking_text(lag, axis, rotary);
   if (!(lag.share >= kNamedShare && lag.time_s > 0.0)) return out + ".";
   out += text("; %.*f %% of its square is a lag of %.3g ms behind the command",
               lag.share > 0.99 ? 1 : 0, std::min(100.0 * lag.share, 99.9), 1e3 * lag.time_s);

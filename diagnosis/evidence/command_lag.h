@@ -28,6 +28,9 @@ struct CommandLag {
 /// Samples before `lead` of a segment do not count.
 [[nodiscard]] CommandLag command_lag(std::span<const Segment> segments);
 
+/// How large the error is, of a lag on the hold-out; the beginning of a sentence.
+[[nodiscard]] std::string tracking_text(const CommandLag& lag, const std::string& axis,
+                                        bool rotary);
 /// One sentence for people; empty if nothing is known.
 [[nodiscard]] std::string lag_text(const CommandLag& lag, const std::string& axis, bool rotary);
 

@@ -34,10 +34,9 @@ std::vector<std::string> in_short(const Diagnosis& diagnosis,
   const double delay_s = diagnosis.extended.model.command_delay_s();
   constexpr double kMainShare = 0.5;  ///< of the squared error, and of the lag: the majority
   if (lag.share > kMainShare && delay_s > kMainShare * lag.time_s) {
-    out.push_back("The tracking error of axis " + axis + " is " +
-                  micro_text(lag.tracking_rms, rotary, 3) +
-                  text(" RMS; most of it is the delay of %.3g ms between command and encoder.",
-                       1e3 * delay_s));
+    out.push_back(
+        tracking_text(lag, axis, rotary) +
+        text("; most of it is the delay of %.3g ms between command and encoder.", 1e3 * delay_s));
   } else if (std::string words = lag_text(lag, axis, rotary); !words.empty()) {
     // What most of the error is comes before what makes a small part of it.
     const bool first = lag.is_all() && !diagnosis.against_earlier;

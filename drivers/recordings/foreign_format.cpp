@@ -11,6 +11,8 @@ using namespace std::string_view_literals;
 constexpr const char* kTopics =
     "export the topic with command and encoder as CSV, for example with PlotJuggler";
 constexpr const char* kArrays = "Servotwin's Python module takes its arrays (docs/python.md)";
+constexpr std::string_view kPdf = "%PDF-";
+constexpr const char* kPicture = "export the values from the program that shows the curves, as CSV";
 constexpr const char* kCapture =
     "of buses, logs of CAN are read: those of candump -l, Vector ASC and PEAK TRC";
 
@@ -41,6 +43,9 @@ constexpr std::array kForeign{
                   "file that xz has packed", "unpack it: unxz -k FILE"},
     ForeignFormat{"BZh"sv, "file that bzip2 has packed", "unpack it: bunzip2 -k FILE"},
     ForeignFormat{"\x28\xb5\x2f\xfd"sv, "file that zstd has packed", "unpack it: unzstd FILE"},
+    ForeignFormat{kPdf, "PDF document", kPicture},
+    ForeignFormat{"\x89PNG"sv, "picture (PNG)", kPicture},
+    ForeignFormat{"\xff\xd8\xff"sv, "picture (JPEG)", kPicture},
     ForeignFormat{"\xd4\xc3\xb2\xa1"sv, "network capture (pcap)", kCapture},
     ForeignFormat{"\xa1\xb2\xc3\xd4"sv, "network capture (pcap)", kCapture},
     ForeignFormat{"\x0a\x0d\x0d\x0a"sv, "network capture (pcapng)", kCapture},
@@ -51,9 +56,11 @@ constexpr std::array kForeign{
 std::span<const ForeignFormat> foreign_formats() noexcept { return kForeign; }
 
 const ForeignFormat* foreign_format(std::string_view start) noexcept {
-  // A table may have a column PAR1; none of these formats is text.
+  // A table may have a column PAR1; none of these formats is text, but that a PDF may begin with
+  // much of it, and no column is called so.
   const auto is_control = [](char c) { return static_cast<unsigned char>(c) < '\t'; };
-  if (std::none_of(start.begin(), start.end(), is_control)) return nullptr;
+  if (std::none_of(start.begin(), start.end(), is_control) && !start.starts_with(kPdf))
+    return nullptr;
   const auto* found = std::find_if(kForeign.begin(), kForeign.end(), [&](const ForeignFormat& one) {
     return start.starts_with(one.begins);
   });

@@ -24,8 +24,8 @@
 namespace servotwin {
 namespace {
 
-std::string first_bytes(const std::filesystem::path& file) {
-  std::string bytes(4096, '\0');
+std::string first_bytes(const std::filesystem::path& file, std::size_t most = 4096) {
+  std::string bytes(most, '\0');
   bytes.resize(FileHandle::open(file, O_RDONLY).read(bytes.data(), bytes.size()));
   return bytes;
 }
@@ -78,6 +78,18 @@ void require_named(RecordingFormat named, std::string_view start, const std::str
                              ": this is no such file; it looks like " + look_of(start));
 }
 
+/// The schema of a file that Servotwin itself wrote, such as servotwin.model/1; empty of others.
+std::string own_schema(std::string_view start, const std::filesystem::path& file) {
+  const std::size_t first = start.find_first_not_of(" \t\r\n");
+  if (first == std::string_view::npos || start[first] != '{') return {};
+  constexpr std::size_t kMostBytes = 1 << 20;  // the keys are sorted: the schema is not the first
+  constexpr std::string_view kBegin = "\"servotwin.";
+  const std::string json = first_bytes(file, kMostBytes);
+  const std::size_t at = json.find(kBegin);
+  const std::size_t end = at == std::string::npos ? at : json.find('"', at + kBegin.size());
+  return end == std::string::npos ? "" : json.substr(at + 1, end - at - 1);
+}
+
 /// The format by the first bytes; of a table or a text trace, which its first lines tell, kTable.
 RecordingFormat format_by(std::string_view start, const std::filesystem::path& file) {
   const auto refuse = [&](const std::string& why) {
@@ -87,6 +99,9 @@ RecordingFormat format_by(std::string_view start, const std::filesystem::path& f
   if (shown == RecordingFormat::kMatlab) return *shown;
   if (const ForeignFormat* foreign = foreign_format(start))
     refuse(std::string("is a ") + foreign->name + ", which is not read; " + foreign->advice);
+  if (const std::string schema = own_schema(start, file); !shown && !schema.empty())
+    refuse("is a file of Servotwin (" + schema +
+           ") and not a recording; a model belongs to --model");
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (!shown && file.extension() == ".log" && !is_utf16(start) && !is_table(start)) {

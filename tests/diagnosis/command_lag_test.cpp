@@ -37,9 +37,10 @@ TEST(CommandLag, OfADriveThatOnlyLagsIsAllOfItsError) {
   EXPECT_NEAR(lag.tracking_rms, kLag_s * kAmplitude * kTwoPi * kHz / std::sqrt(2.0), 2e-7)
       << "two samples of 5000, where the axis is fastest, have no velocity";
   const std::string words = lag_text(lag, "X", false);
-  EXPECT_THAT(words,
-              HasSubstr("The tracking error of axis X is 533 um RMS; 99.9 % of its square is a "
-                        "lag of 6 ms behind the command"));
+  EXPECT_THAT(
+      words,
+      HasSubstr("The tracking error of axis X is 533 um RMS on held-out motion; 99.9 % of its "
+                "square is a lag of 6 ms behind the command"));
   EXPECT_THAT(words, HasSubstr("without velocity feed-forward: this is no fault"));
 }
 
@@ -50,7 +51,7 @@ TEST(CommandLag, IsTheShareOfTheSquareThatFollowsTheVelocity) {
   EXPECT_NEAR(half.share, 0.5, 1e-3);
   const CommandLag little = command_lag(std::vector{sine_with_lag(3.0 * lag_error)});
   EXPECT_NEAR(little.share, 0.1, 1e-3);
-  EXPECT_THAT(lag_text(little, "X", true), HasSubstr("urad RMS."));
+  EXPECT_THAT(lag_text(little, "X", true), HasSubstr("urad RMS on held-out motion."));
   EXPECT_THAT(lag_text(little, "X", true), Not(HasSubstr("lag")));
 }
 

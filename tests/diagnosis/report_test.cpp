@@ -213,13 +213,13 @@ TEST(Words, ALagThatIsADelayIsNotThatOfADrive) {
   Case one = diagnosed("cogging", plain(2), make_effect<Cogging>());
   one.diagnosis.lag = {1.7523e-3, 8.3e-3, 0.999};
   EXPECT_THAT(in_short(one.diagnosis, {}).front(),
-              HasSubstr("1752 um RMS; 99.9 % of its square is a lag of 8.3 ms"));
+              HasSubstr("1752 um RMS on held-out motion; 99.9 % of its square is a lag of 8.3 ms"));
   Effect delay = make_effect<TimeDelay>();
   delay.shape[0] = 8e-3;
   one.diagnosis.extended.model.effects.push_back(delay);
-  EXPECT_THAT(
-      in_short(one.diagnosis, {}).back(),
-      HasSubstr("1752 um RMS; most of it is the delay of 8 ms between command and encoder."));
+  EXPECT_THAT(in_short(one.diagnosis, {}).back(),
+              HasSubstr("1752 um RMS on held-out motion; most of it is the delay of 8 ms between "
+                        "command and encoder."));
   one.diagnosis.extended.model.effects.pop_back();
   one.diagnosis.lag.share = 0.6;
   EXPECT_THAT(in_short(one.diagnosis, {}).back(), HasSubstr("60 % of its square is a lag"))

@@ -98,6 +98,9 @@ TEST_F(BadRecording, FormatsThatAreNotReadAreNamedWithAWayToConvertThem) {
        "7zXZ\0\0\x04\xe6\xd6\xb4"sv,
        "unxz"},
       {"\x28\xb5\x2f\xfd\x04\x58\x81\0"sv, "unzstd"},
+      {"%PDF-1.7\n1 0 obj\n<< /Type /Catalog >>\n"sv, "export the values"},
+      {"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"sv, "export the values"},
+      {"\xff\xd8\xff\xe0\0\x10JFIF\0"sv, "export the values"},
       {"\xd4\xc3\xb2\xa1\x02\0\x04\0\0\0\0\0"sv, "candump -l"},
       {"\x0a\x0d\x0d\x0a\xb8\0\0\0\x4d\x3c\x2b\x1a"sv, "candump -l"},
   };
@@ -106,6 +109,13 @@ TEST_F(BadRecording, FormatsThatAreNotReadAreNamedWithAWayToConvertThem) {
 TEST_F(BadRecording, ATableMayHaveAColumnThatIsCalledLikeSuchAFormat) {
   for (const char* name : {"PAR1", "LOGG", "TDSm"})
     refuses(std::string(name) + ",LOGB\n1,2\n", {"no column is named AXIS.channel[unit]"});
+}
+TEST_F(BadRecording, AFileThatServotwinWroteIsCalledWhatItIs) {
+  const std::string long_model = "{\n  \"axis\": \"" + std::string(5000, 'X') +
+                                 "\",\n  \"schema\": \"servotwin.model/1\"\n}\n";
+  refuses(long_model,
+          {"is a file of Servotwin", "servotwin.model/1", "not a recording", "--model"});
+  refuses("{\"schema\":\"servotwin.diagnosis/1\"}\n", {"servotwin.diagnosis/1"});
 }
 TEST_F(BadRecording, BinaryGarbageWithoutZeros) {
   std::mt19937_64 random(21);
