@@ -49,8 +49,9 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
     return out;
   }
   try {
-    out.loop =
-        earlier ? compare(axis.segmented, *earlier, options) : diagnose(axis.segmented, options);
+    const bool coupled = earlier && earlier->model.find(kind_of<CrossCoupling>()) != nullptr;
+    out.axis = coupled ? axis.for_model(*earlier) : axis.beside_acting();
+    out.loop = earlier ? compare(out.axis, *earlier, options) : diagnose(out.axis, options);
   } catch (const UnusableRecording&) {
     throw;
   } catch (const std::runtime_error& error) {

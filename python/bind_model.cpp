@@ -67,7 +67,7 @@ IdentifyOptions options_of(const std::string& method, const std::optional<std::s
 }
 
 Identified identified(const Axis& axis, const IdentifyOptions& options, bool whole) {
-  SegmentedAxis used = axis.segmented;
+  SegmentedAxis used = options.coupling ? axis.beside_acting() : axis.segmented;
   if (!whole) used.segments = excerpt(used.segments);
   const auto start = std::chrono::steady_clock::now();
   Identified out = identify(used, options);

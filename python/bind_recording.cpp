@@ -7,6 +7,7 @@
 #include <limits>
 #include <optional>
 
+#include "diagnosis/search/acting_axis.h"
 #include "diagnosis/torque/torque.h"
 #include "drivers/recordings/column_map.h"
 #include "drivers/recordings/recording_file.h"
@@ -68,6 +69,11 @@ SegmentedAxis Axis::for_model(const ModelRecord& record) const {
       record.neighbour == segmented.neighbour)
     return segmented;
   return segment_axis(*recording, segmented.axis, {}, record.neighbour);
+}
+
+SegmentedAxis Axis::beside_acting() const {
+  const std::string acting = acting_axis(*recording, segmented.axis);
+  return acting.empty() ? segmented : segment_axis(*recording, segmented.axis, {}, acting);
 }
 
 namespace {

@@ -11,6 +11,7 @@
 #include "cli/common/option_table.h"
 #include "cli/common/output.h"
 #include "diagnosis/evidence/encoder_difference.h"
+#include "diagnosis/search/acting_axis.h"
 #include "drivers/common/text.h"
 #include "drivers/recordings/column_name.h"
 #include "identification/recording/positions.h"
@@ -139,7 +140,7 @@ void AxisOptions::declare_several(OptionTable& command) {
   declare(command);
   command
       .option("--beside", beside,
-              "axis whose acceleration may act on this one (default: the first other one)")
+              "axis whose acceleration may act on this one (default: the one that explains most)")
       .takes("AXIS");
   command
       .option("MORE", more,
@@ -148,9 +149,21 @@ void AxisOptions::declare_several(OptionTable& command) {
       .takes("REC");
 }
 
-SegmentedAxis AxisOptions::read(std::FILE* people) const {
+std::string AxisOptions::acting_on(const Recording& whole, const std::string& of,
+                                   std::FILE* people) const {
+  if (!beside.empty()) return beside;
+  std::string acting = acting_axis(whole, of);
+  if (!acting.empty())
+    say(people, "note: of the other axes, the acceleration of " + acting +
+                    " explains most of what a first model leaves; --beside names another one");
+  return acting;
+}
+
+SegmentedAxis AxisOptions::read(std::FILE* people, bool seek_acting) const {
   const Recording whole = recording.read(people, axis);
-  SegmentedAxis out = segmented(whole, axis_of(whole, axis), people, beside);
+  const std::string of = axis_of(whole, axis);
+  SegmentedAxis out =
+      segmented(whole, of, people, seek_acting ? acting_on(whole, of, people) : beside);
   require_beside(out);
   read_more(out, people);
   return out;

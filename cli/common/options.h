@@ -59,13 +59,17 @@ struct AxisOptions {
   RecordingOptions recording;
   std::vector<std::filesystem::path> more;  ///< further recordings of the same axis
   std::string axis;
-  std::string beside;  ///< the axis whose acceleration may act on it; empty: the first other one
+  std::string beside;  ///< the axis whose acceleration may act on it; empty: acting_axis()
 
   void declare(OptionTable& command);
   /// Also --beside and MORE..
   void declare_several(OptionTable& command);
-  /// Reads the axis and prints on `people` what was read.
-  [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
+  /// Reads the axis and prints on `people` what was read. `seek_acting`: of several other axes the
+  /// one that acts on it is needed, where --beside does not name it.
+  [[nodiscard]] SegmentedAxis read(std::FILE* people, bool seek_acting = false) const;
+  /// The axis that --beside names, or the one that acts on this one, which is said on `people`.
+  [[nodiscard]] std::string acting_on(const Recording& whole, const std::string& axis,
+                                      std::FILE* people) const;
   /// Throws where --beside names an axis that the recording does not have.
   void require_beside(const SegmentedAxis& read) const;
   /// Adds the further recordings to the first one, read before.

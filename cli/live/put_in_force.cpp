@@ -113,7 +113,8 @@ void ask_daemon(const PutInForceArguments& arguments, ModelRecord record) {
 
 /// Motion that was recorded after a model was made, newest first, as much as is needed.
 struct RecordedMotion {
-  std::vector<Segment> segments;
+  std::vector<Segment> segments;           // with the axis beside it that the model is coupled to
+  std::vector<Segment> segments_in_force;  // the same, that the model in force is coupled to
   std::vector<std::string> files;
   double moved_s = 0.0;
 };
@@ -127,7 +128,7 @@ double moved_s(const Segment& segment) {
 }
 
 RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
-                            const ModelRecord& record, const std::string& neighbour,
+                            const ModelRecord& record, const std::string& neighbour_in_force,
                             double needed_s) {
   // A recording is called after its begin, without colons: 2026-01-31T120000.000Z.csv.
   std::string made = record.created;
@@ -144,7 +145,8 @@ RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
   for (const fs::path& file : files) {
     if (out.moved_s >= needed_s) break;
     const Recording recording = read_recording(file, {});
-    const SegmentedAxis part = segment_axis(recording, axis, {}, neighbour);
+    const SegmentedAxis part = segment_axis(recording, axis, {}, record.neighbour),
+                        in_force = segment_axis(recording, axis, {}, neighbour_in_force);
     MachineDescription machine{part.sample_time_s, {}};
     for (const AxisRecord& one : recording.axes)
       machine.axes.push_back({one.name, one.rotary, one.torque_unit});
@@ -153,10 +155,12 @@ RecordedMotion motion_since(const fs::path& folder, const std::string& axis,
     const auto place = static_cast<std::size_t>(at - machine.axes.begin());
     if (const std::string why = daemon::why_not_for(record, machine, place); !why.empty())
       throw std::runtime_error("not in force: the model " + why);
-    for (const Segment& segment : part.segments) {
+    for (std::size_t i = 0; i < part.segments.size(); ++i) {
+      const Segment& segment = part.segments[i];
       if (segment.actual.size() == 0) continue;
       out.moved_s += moved_s(segment);
       out.segments.push_back(segment);
+      out.segments_in_force.push_back(in_force.segments[i]);
     }
     out.files.push_back(file.filename().string());
   }
@@ -201,8 +205,7 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record) {
     const daemon::PromotionRule rule;
     const RecordedMotion motion =
         motion_since(arguments.store / "recordings" / machine, axis, record,
-                     record.neighbour.empty() && !first ? held->record.neighbour : record.neighbour,
-                     rule.judge_s);
+                     first ? record.neighbour : held->record.neighbour, rule.judge_s);
     if (record.created.empty())
       throw std::runtime_error(arguments.model.string() +
                                ": does not say when it was made, so that no recording is known to "
@@ -213,7 +216,7 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record) {
     candidacy.judged_s = motion.moved_s;
     candidacy.version_in_force = first ? 0 : held->record.version;
     if (!motion.segments.empty())
-      record.holdout = daemon::judge_on(motion.segments, record.model,
+      record.holdout = daemon::judge_on(motion.segments, record.model, motion.segments_in_force,
                                         first ? nullptr : &held->record.model, candidacy);
     decision = daemon::decide(candidacy, rule);
     if (decision.ruling == daemon::Ruling::kNotJudged)

@@ -223,9 +223,9 @@ void run(const DiagnoseArguments& arguments) {
   Recording recording = arguments.input.recording.read(people, arguments.input.axis);
   const std::string name = axis_of(recording, arguments.input.axis);
   const bool commanded = !without_command(recording, name);
-  std::string beside = arguments.input.beside;
-  if (beside.empty() && !arguments.earlier.empty())
-    beside = read_model(arguments.earlier).neighbour;
+  std::string beside = arguments.earlier.empty() ? "" : read_model(arguments.earlier).neighbour;
+  if (beside.empty() || !arguments.input.beside.empty())
+    beside = commanded ? arguments.input.acting_on(recording, name, people) : "";
   SegmentedAxis axis = segmented(recording, name, people, beside);
   arguments.input.require_beside(axis);
   arguments.input.read_more(axis, people);

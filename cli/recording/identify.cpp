@@ -172,7 +172,7 @@ void run(const IdentifyArguments& arguments) {
         " is not for --method full-ls, which models one loop and Coulomb friction only");
   options.pole_constraints = !arguments.no_pole_constraints;
 
-  SegmentedAxis axis = arguments.input.read(people);
+  SegmentedAxis axis = arguments.input.read(people, options.coupling);
   require_motion(axis);
   if (!arguments.whole) use_excerpt(axis, people);
   Identified identified;

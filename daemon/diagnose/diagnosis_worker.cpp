@@ -12,6 +12,7 @@
 #include "diagnosis/report/in_short.h"
 #include "diagnosis/report/report.h"
 #include "diagnosis/report/torque_text.h"
+#include "diagnosis/search/acting_axis.h"
 #include "diagnosis/statistics/text.h"
 #include "identification/recording/segments.h"
 
@@ -125,7 +126,8 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
   try {
     const std::int64_t begin = steady_ns();
     // With the other axes, because their motion may disturb this one.
-    SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
+    const Recording recorded = memory_.copy(from_s, until_s, "live");
+    SegmentedAxis motion = segment_axis(recorded, name, {}, acting_axis(recorded, name));
     // A long pause means that the machine was off: that is not a loss of cycles.
     std::erase_if(motion.report.splits,
                   [](const auto& split) { return split.length_s > kMinOffTime_s; });

@@ -17,7 +17,8 @@ bool follows(const Segment& next, const Segment& before) {
   const double h = before.sample_time_s;
   return std::abs(next.sample_time_s - h) < kSamplingTimeTolerance * h &&
          std::abs(next.start_s - before.end_s() - h) < 0.1 * h &&
-         (next.torque.size() == 0) == (before.torque.size() == 0);
+         (next.torque.size() == 0) == (before.torque.size() == 0) &&
+         (next.neighbour.size() == 0) == (before.neighbour.size() == 0);
 }
 
 void append(Eigen::ArrayXd& column, const Eigen::ArrayXd& more) {
@@ -88,6 +89,7 @@ std::vector<Segment> EvidenceMemory::kept(std::initializer_list<Evidence> classe
       append(out.back().command, s.command);
       append(out.back().actual, s.actual);
       append(out.back().torque, s.torque);
+      append(out.back().neighbour, s.neighbour);
     } else {
       out.push_back(s);
     }

@@ -43,6 +43,8 @@ class EvidenceMemory {
 
   /// Sets new bounds.
   void keep(const EvidenceBounds& bounds) { bounds_ = bounds; }
+  /// Forgets the motion, but not the peaks: from here on another axis is beside this one.
+  void forget_all() { kept_.clear(); }
   /// Sorts the most recent motion, which must be complete from its first segment on, and replaces
   /// what was kept of that time. `moved_s`: motion of the axis until the end of `recent`. Returns
   /// the seconds of each class later than `new_after_s`.

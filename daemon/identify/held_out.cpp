@@ -44,11 +44,14 @@ ErrorFigures figures_of(const Eigen::ArrayXd& left) {
 }  // namespace
 
 ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate,
-                      const Model* in_force, Candidacy& candidacy) {
+                      const std::vector<Segment>& motion_in_force, const Model* in_force,
+                      Candidacy& candidacy) {
   const double skip_s = std::max(starting_state_s(candidate),
                                  in_force != nullptr ? starting_state_s(*in_force) : 0.0);
   const Eigen::ArrayXd left = left_by(&candidate, motion, skip_s);
-  const Eigen::ArrayXd left_in_force = left_by(in_force, motion, skip_s);
+  const Eigen::ArrayXd left_in_force = left_by(in_force, motion_in_force, skip_s);
+  if (left.size() != left_in_force.size())
+    throw std::invalid_argument("the two models would be judged on different samples");
   candidacy.rms = figures_of(left).rms;
   candidacy.rms_in_force = figures_of(left_in_force).rms;
   candidacy.significance = significance(left, left_in_force);

@@ -17,9 +17,11 @@
 namespace servotwin::daemon {
 
 /// Fills in what the candidacy says of the errors, on the same samples for both models, behind the
-/// lead-in of each segment; returns those of the candidate. `in_force`: null where no model is in
-/// force, which is compared with no prediction.
+/// lead-in of each segment; returns those of the candidate. Each model has its own copy of the
+/// motion, with the axis beside it that it is coupled to. `in_force`: null where no model is in
+/// force, which is compared with no prediction. Throws std::invalid_argument if the copies differ.
 [[nodiscard]] ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate,
+                                    const std::vector<Segment>& motion_in_force,
                                     const Model* in_force, Candidacy& candidacy);
 
 /// Why a model cannot be used for this axis of the machine, "is for ..."; empty: it can. An effect

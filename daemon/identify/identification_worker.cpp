@@ -9,6 +9,7 @@
 
 #include "daemon/between/clock.h"
 #include "daemon/identify/held_out.h"
+#include "diagnosis/search/acting_axis.h"
 #include "drivers/common/text.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/shown_units.h"
@@ -87,10 +88,13 @@ IdentificationWorker::IdentificationWorker(const MachineDescription& machine,
   config_.options.training_share = kTrainingShare;
   for (const AxisDescription& axis : machine.axes) {
     axes_.push_back(
-        {axis.name, axis.rotary, {}, {}, 0.0, 0.0, EvidenceMemory(bounds_of(config)), {}, {}});
+        {axis.name, axis.rotary, {}, {}, 0.0, 0.0, EvidenceMemory(bounds_of(config)), {}, {}, {}});
     status_.push_back({axis.name, 0, kAbsent, "waiting for motion"});
   }
   proposals_.resize(axes_.size());
+  // Until a model shows more, the first other axis.
+  for (std::size_t i = 0; i < axes_.size() && axes_.size() > 1; ++i)
+    axes_[i].beside = axes_[i == 0 ? 1 : 0].name;
 }
 
 void IdentificationWorker::restore() {
@@ -245,16 +249,49 @@ bool IdentificationWorker::look(std::size_t axis) {
   return until_s.has_value();
 }
 
-std::string IdentificationWorker::beside(std::size_t axis) const {
-  if (axes_.size() < 2) return {};
-  return axes_[axis == 0 ? 1 : 0].name;
+SegmentedAxis IdentificationWorker::remembered(std::size_t axis, double until_s,
+                                               const std::string& beside) const {
+  return segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), axes_[axis].name,
+                      {}, beside);
+}
+
+void IdentificationWorker::choose_beside(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  if (!config_.options.coupling || axes_.size() < 3 || !state.in_force) return;
+  // Of axes that do not act at most 0.01 (tests/diagnosis/acting_axis_test.cpp).
+  constexpr double kMinMoreShare = 0.05;
+  const ModelRecord& record = state.in_force->record;
+  std::string best = state.beside;
+  double least = kMinMoreShare, now = 0.0;
+  try {
+    const std::vector<Segment> own = remembered(axis, until_s, record.neighbour).segments;
+    const auto share = [&](const std::string& other) {
+      return share_of_neighbour(record.model, own, remembered(axis, until_s, other).segments);
+    };
+    now = std::max(0.0, share(state.beside));
+    for (const Axis& other : axes_) {
+      if (other.name == state.name || other.name == state.beside) continue;
+      if (const double more = share(other.name) - now; more > least)
+        least = more, best = other.name;
+    }
+  } catch (const std::exception&) {
+    return;  // the step that follows says what is wrong with the motion
+  }
+  if (best == state.beside) return;
+  state.beside = best;
+  state.evidence.forget_all();
+  state.sorted_s = 0.0;
+  events_.note("coupling_sought", state.name,
+               "the acceleration of " + best + " explains " +
+                   number(std::round(100.0 * (now + least))) +
+                   " % of the squared error that model " + std::to_string(record.version) +
+                   " leaves: it is sought from here on, with new evidence");
 }
 
 SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   const double before_s = std::exchange(state.sorted_s, until_s);
-  SegmentedAxis motion = segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"),
-                                      state.name, {}, beside(axis));
+  SegmentedAxis motion = remembered(axis, until_s, state.beside);
   const EvidenceSeconds fresh = state.evidence.take(motion.segments, before_s, state.moved_s);
   for (const Evidence e : {Evidence::kFastMotion, Evidence::kSlowReversals, Evidence::kStandstill})
     state.fresh.of(e) += fresh.of(e);
@@ -265,6 +302,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   set_activity(axis, "identifying");
   state.moved_s += config_.window_s;
+  choose_beside(axis, until_s);
   SegmentedAxis motion;
   try {
     motion = sort(axis, until_s);
@@ -419,21 +457,16 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
       throw std::runtime_error(
           "the held-out motion is no longer in memory; the processor is too busy");
     }
-    // A coupling is judged with the axis that it is to: that of the candidate, else of the other.
-    const auto coupled = [](const Model* one) {
-      return one != nullptr && one->find(kind_of<CrossCoupling>()) != nullptr;
-    };
-    const std::string beside = coupled(&model)  ? candidate.identified.record.neighbour
-                               : coupled(other) ? state.in_force->record.neighbour
-                                                : std::string();
-    const std::vector<Segment> remembered =
-        segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), state.name, {},
-                     beside)
-            .segments;
     const double after_s = candidate.until_s + 0.5 * machine_.cycle_s;  // that sample was seen
-    const std::vector<Segment> held_out =
-        with_lead_in(cut(remembered, after_s, until_s), remembered);
-    candidate.identified.record.holdout = judge_on(held_out, model, other, candidacy);
+    // Each model with the axis that it is coupled to.
+    const auto held_out = [&](const ModelRecord& record) {
+      const std::vector<Segment> all = remembered(axis, until_s, record.neighbour).segments;
+      return with_lead_in(cut(all, after_s, until_s), all);
+    };
+    const std::vector<Segment> motion = held_out(candidate.identified.record);
+    candidate.identified.record.holdout =
+        judge_on(motion, model, other != nullptr ? held_out(state.in_force->record) : motion, other,
+                 candidacy);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
     note_refusal(

@@ -102,6 +102,7 @@ class IdentificationWorker {
     EvidenceMemory evidence;
     EvidenceSeconds fresh;  // new evidence since the last step
     std::string last_step;  // for people
+    std::string beside;     // the axis whose acceleration is sought in the error; empty: none
   };
 
   void take_newer_config();
@@ -109,9 +110,13 @@ class IdentificationWorker {
   /// Makes it the candidate, or refuses it at once if it must not be used.
   void consider(std::size_t axis, Pending candidate);
   void cite(Pending& candidate, double from_s, double until_s) const;
-  /// The axis whose acceleration is sought in the error of this one: the first other one; always
-  /// the same, because the evidence of hours is fitted together.
-  [[nodiscard]] std::string beside(std::size_t axis) const;
+  /// The motion until then that is still in memory, with the command of another axis beside it.
+  [[nodiscard]] SegmentedAxis remembered(std::size_t axis, double until_s,
+                                         const std::string& beside) const;
+  /// Of several other axes, chooses the one whose acceleration is sought: by what the model in
+  /// force leaves. Another one than before has new evidence only, because all evidence is fitted
+  /// together.
+  void choose_beside(std::size_t axis, double until_s);
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
   void seek(std::size_t axis, double until_s, const SegmentedAxis& motion,

@@ -110,7 +110,9 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   if (id == "cutting_force")
     out = text("%.3g %s, teeth at %.4g Hz", of("mean"), force, of("tooth_frequency_hz"));
   if (id == "cross_coupling")
-    out = text("%.2g %% of the other axis' acceleration", 100.0 * std::abs(of("ratio")));
+    out = text("%.2g %% of the acceleration of ", 100.0 * std::abs(of("ratio"))) +
+          (diagnosis.baseline.neighbour.empty() ? "the other axis"
+                                                : "axis " + diagnosis.baseline.neighbour);
   if (id == "torque_saturation") out = text("at most %.3g %s", of("limit_mps2"), force);
   if (id == "viscous_drift")
     out = text("decays with a time constant of %.3g s", of("time_constant_s"));

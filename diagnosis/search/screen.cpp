@@ -11,6 +11,7 @@
 #include "identification/recording/motion_range.h"
 #include "identification/recording/order_statistics.h"
 #include "twin/linear_algebra.h"
+#include "twin/twin.h"
 
 namespace servotwin {
 
@@ -49,6 +50,21 @@ Screen::Screen(const Projection& data, const Point& at, const Model& model, Eige
       encoder_step_(encoder_step) {
   take_tangent(data, at, data.solve(at).linear);
   prepare();
+}
+
+Eigen::VectorXd left_by_simulation(const Projection& coarse, const std::vector<Segment>& segments,
+                                   const Model& model) {
+  Eigen::VectorXd left = Eigen::VectorXd::Zero(coarse.rows());
+  Eigen::Index row = 0;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const Segment& s = segments[i];
+    const Eigen::ArrayXd all = s.command - s.actual - simulate(model, s);
+    const Eigen::Index n = coarse.segments()[i].size();
+    const auto every = std::lround(coarse.segments()[i].h / s.sample_time_s);
+    for (Eigen::Index k = 0; k < n && k * every < all.size(); ++k) left(row + k) = all(k * every);
+    row += n;
+  }
+  return left;
 }
 
 void Screen::take_tangent(const Projection& data, const Point& at, const Eigen::VectorXd& linear) {

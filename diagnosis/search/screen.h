@@ -71,4 +71,9 @@ class Screen {
   double travel_ = 0.0, begin_s_ = 0.0, end_s_ = 0.0, encoder_step_ = 0.0;
 };
 
+/// What the simulation of a model leaves, one value per row of thinned data of these segments.
+[[nodiscard]] Eigen::VectorXd left_by_simulation(const Projection& coarse,
+                                                 const std::vector<Segment>& segments,
+                                                 const Model& model);
+
 }  // namespace servotwin

@@ -420,19 +420,10 @@ void Search::judge_polished(Hypothesis& h) const {
 
 /// What the simulation of two masses leaves; the derivatives are those of a rigid axis.
 Screen Search::two_mass_screen(const Projection& coarse, const Hypothesis& h) const {
-  Eigen::VectorXd left = Eigen::VectorXd::Zero(coarse.rows());
-  Eigen::Index row = 0;
-  for (std::size_t i = 0; i < training_.size(); ++i) {
-    const Segment& s = training_[i];
-    const Eigen::ArrayXd all = s.command - s.actual - simulate(h.model, s);
-    const Eigen::Index n = coarse.segments()[i].size();
-    const auto every = std::lround(coarse.segments()[i].h / s.sample_time_s);
-    for (Eigen::Index k = 0; k < n && k * every < all.size(); ++k) left(row + k) = all(k * every);
-    row += n;
-  }
   Eigen::MatrixXd tangent = coarse.full_jacobian(h.point, coarse.solve(h.point).linear)
                                 .leftCols(h.structure.order + h.structure.coefficient_count());
-  return {coarse.segments(), h.model, std::move(left), std::move(tangent)};
+  return {coarse.segments(), h.model, left_by_simulation(coarse, training_, h.model),
+          std::move(tangent)};
 }
 
 std::vector<Screened> Search::screen(const Hypothesis& h,

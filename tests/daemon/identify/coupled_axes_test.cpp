@@ -35,12 +35,22 @@ class CoupledAxes : public testing::Test {
     config_.options.modes = 1;  // X has a spring
     config_.options.friction = kind_of<Presliding>();
   }
+  /// Another axis, before Y, which moves as Y did two seconds before and touches nobody.
+  void put_in_an_axis_that_touches_nobody() {
+    Segment other = record_[1];
+    const Eigen::Index n = other.size(), late = std::lround(2.0 / machine_.cycle_s);
+    other.command.head(late).setConstant(record_[1].command(0));
+    other.command.tail(n - late) = record_[1].command.head(n - late);
+    other.actual = other.command;
+    record_.insert(record_.begin() + 1, std::move(other));
+    machine_.axes.insert(machine_.axes.begin() + 1, {"A", false, ""});
+  }
   [[nodiscard]] MachineFrame frame(Eigen::Index k) const {
     MachineFrame out;
     out.sequence = static_cast<std::uint64_t>(k);
     out.time_ns = std::llround(1e9 * machine_.cycle_s * static_cast<double>(k));
-    out.axis_count = 2;
-    for (std::size_t i = 0; i < 2; ++i)
+    out.axis_count = static_cast<int>(record_.size());
+    for (std::size_t i = 0; i < record_.size(); ++i)
       out.axes[i] = {record_[i].command(k), record_[i].actual(k), kAbsent};
     return out;
   }
@@ -49,7 +59,7 @@ class CoupledAxes : public testing::Test {
     MotionMemory memory(machine_, 100.0);
     Store store(directory_.path(), "coupled");
     EventLog events(store, said_);
-    std::vector<LatestValue<TwinInForce>> models(2);
+    std::vector<LatestValue<TwinInForce>> models(record_.size());
     IdentificationWorker worker(machine_, config_, memory, store, events, models,
                                 [&](const StoredModel& model) { found_ = model.record; });
     for (Eigen::Index k = 0; k < record_[0].size(); ++k) {
@@ -57,7 +67,7 @@ class CoupledAxes : public testing::Test {
       CycleRow row;
       row.time_ns = one.time_ns;
       row.after_gap = k == 0;
-      row.axis_count = 2;
+      row.axis_count = one.axis_count;
       row.axes = one.axes;
       memory.append(row);
     }
@@ -66,7 +76,7 @@ class CoupledAxes : public testing::Test {
   }
   /// RMS of what the loop does not predict of X with this model, over the last quarter [m].
   [[nodiscard]] double residual_of_x(int neighbour) const {
-    std::vector<LatestValue<TwinInForce>> models(2);
+    std::vector<LatestValue<TwinInForce>> models(record_.size());
     models[0].publish(
         {Twin(found_->model), 1, found_->holdout.rms, settling_cycles(found_->model), neighbour});
     Ring<MachinePrediction> predictions{16};
@@ -105,6 +115,37 @@ TEST_F(CoupledAxes, AreFoundInTheBackgroundAndPredictedLive) {
   std::printf("live residual of X: %.3f um with what Y does, %.3f um without\n", 1e6 * with,
               1e6 * without);
   EXPECT_LT(1.7 * with, without) << "the rest is of a law of friction that is not the machine's";
+}
+
+// The first other axis is not the one that pushes: what the first model leaves tells which it is.
+TEST_F(CoupledAxes, OfThreeTheOneThatPushesIsFound) {
+  put_in_an_axis_that_touches_nobody();
+  config_.window_s = 6.0;
+  identify_x();
+  EXPECT_NE(said_.str().find("the acceleration of Y explains"), std::string::npos) << said_.str();
+  ASSERT_TRUE(found_.has_value()) << said_.str();
+  ASSERT_NE(found_->model.find(kind_of<CrossCoupling>()), nullptr) << said_.str();
+  EXPECT_EQ(found_->neighbour, "Y");
+  EXPECT_EQ(neighbour_in(machine_, 0, *found_), 2);
+  EXPECT_LT(1.5 * residual_of_x(2), residual_of_x(-1));
+}
+
+// Each model has the axis beside it that it is coupled to.
+TEST_F(CoupledAxes, AModelIsJudgedWithTheAxisThatItIsCoupledTo) {
+  ModelRecord to_y = record_of(drive());
+  to_y.model.sample_time_s = machine_.cycle_s;
+  to_y.model.effects.push_back(make_effect<CrossCoupling>());
+  to_y.model.effects.back().coefficient[0] = 0.2;
+  Segment beside_y = record_[0], beside_nobody = record_[0];
+  beside_nobody.neighbour.setZero();
+  Candidacy same, unlike;
+  (void)judge_on({beside_y}, to_y.model, {beside_y}, &to_y.model, same);
+  EXPECT_EQ(same.rms, same.rms_in_force);
+  (void)judge_on({beside_y}, to_y.model, {beside_nobody}, &to_y.model, unlike);
+  EXPECT_EQ(unlike.rms, same.rms);
+  EXPECT_NE(unlike.rms_in_force, same.rms);
+  EXPECT_THROW((void)judge_on({beside_y}, to_y.model, {}, &to_y.model, unlike),
+               std::invalid_argument);
 }
 
 TEST_F(CoupledAxes, AModelThatNeedsAnAxisThatIsNotThereIsRefused) {

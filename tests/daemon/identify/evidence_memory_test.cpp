@@ -53,6 +53,25 @@ TEST(EvidenceMemory, KeepsTheNewestSecondsOfEveryClass) {
   EXPECT_LT(both[1].end_s(), both[2].start_s);
 }
 
+// A coupling is fitted where the other axis' command is known all the time.
+TEST(EvidenceMemory, KeepsTheOtherAxisBesideStretchesThatFollowEachOther) {
+  EvidenceMemory memory(kBounds);
+  for (const auto& [from_s, to_s] : {std::pair{0.0, 2.0}, std::pair{2.0, 4.0}}) {
+    Segment s = fast(from_s, to_s);
+    s.neighbour = 2.0 * s.command;
+    memory.take({s}, kNever, 1.0);
+  }
+  const std::vector<Segment> kept = memory.kept({Evidence::kFastMotion});
+  ASSERT_EQ(kept.size(), 1U);
+  ASSERT_EQ(kept[0].neighbour.size(), kept[0].size());
+  EXPECT_TRUE((kept[0].neighbour == 2.0 * kept[0].command).all());
+  Segment alone = fast(4.0, 5.0);
+  memory.take({alone}, kNever, 1.0);
+  EXPECT_EQ(memory.kept({Evidence::kFastMotion}).size(), 2U) << "there nothing is beside it";
+  memory.forget_all();
+  EXPECT_TRUE(memory.kept({Evidence::kFastMotion}).empty());
+}
+
 TEST(EvidenceMemory, ForgetsWhatIsTooOldInMotion) {
   EvidenceMemory memory(kBounds);
   memory.take({fast(0.0, 4.0)}, kNever, 10.0);
