@@ -47,7 +47,9 @@ TEST_F(Export, SaysWhatTheUnitHas) {
             "output      tracking_error [m]\n"
             "output      position [m]\n"
             "output      velocity [m/s]\n"
-            "parameters  4\n");
+            "parameters  4\n"
+            "written     " +
+                (folder_ / "x.fmu") + "\n");
   EXPECT_THAT(content_of(folder_ / "x.fmu"), testing::StartsWith("PK\x03\x04"));
 }
 

@@ -301,6 +301,7 @@ TEST_F(Learn, ADwellIsWrittenWithAllItsTime) {
                       "--gcode", file, "--chord-tolerance", "200"});
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(content_of(file), HasSubstr("G4 P1.000125\n"));
+  EXPECT_THAT(answer.out, testing::EndsWith("\nwritten     " + file + "\n"));
 }
 
 TEST_F(Learn, ARotaryAxisHasItsUnitAndNoPartInTheContour) {

@@ -71,6 +71,16 @@ class Quiet : public testing::Test {
   std::string model_ = folder_ / "m.json";
 };
 
+TEST(Written, NamesTheFilesInOneLineAndNotStandardOutput) {
+  const Folder folder;
+  const std::string said = folder / "said";
+  std::FILE* people = std::fopen(said.c_str(), "w");
+  cli::say_written(people, {"a.csv", "", "-", "b.html"});
+  cli::say_written(people, {"", "-"});
+  std::fclose(people);
+  EXPECT_EQ(content_of(said), "written     a.csv, b.html\n");
+}
+
 TEST_F(Quiet, LeavesResultsAlone) {
   const Answer loud = simulate({}, {"--out", "-"});
   EXPECT_THAT(loud.err, HasSubstr("tracking error"));
