@@ -195,7 +195,8 @@ TEST_F(Identify, TheResultSaysHowItCameAbout) {
 TEST_F(Identify, TellsPeopleOnStandardOutput) {
   const Answer answer = identify({});
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.err, IsEmpty());
+  // A slow host says from time to time that it is at work.
+  EXPECT_THAT(answer.err, testing::MatchesRegex("(identifying X, [0-9]+ s\n)*"));
   for (const char* said :
        {"12001 rows", "1000 Hz", "tried", "->",
         "structure   order 2: coulomb_friction, gravity_offset", "poles       pair 24.9",
