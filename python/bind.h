@@ -39,7 +39,7 @@ struct Axis {
   /// With the command of the axis that this model needs beside it.
   [[nodiscard]] SegmentedAxis for_model(const ModelRecord& record) const;
   /// With the command of the axis that acts on it, of several other ones.
-  [[nodiscard]] SegmentedAxis beside_acting() const;
+  [[nodiscard]] SegmentedAxis beside_acting(const std::stop_token& stop = {}) const;
 };
 
 /// A model with where it comes from.

@@ -50,7 +50,11 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
   }
   try {
     const bool coupled = earlier && earlier->model.find(kind_of<CrossCoupling>()) != nullptr;
-    out.axis = coupled ? axis.for_model(*earlier) : axis.beside_acting();
+    if (coupled) {
+      out.axis = axis.for_model(*earlier);
+    } else if (!options.leaves_out("cross_coupling")) {
+      out.axis = axis.beside_acting(options.stop);
+    }
     out.loop = earlier ? compare(out.axis, *earlier, options) : diagnose(out.axis, options);
   } catch (const UnusableRecording&) {
     throw;

@@ -140,7 +140,8 @@ void AxisOptions::declare_several(OptionTable& command) {
   declare(command);
   command
       .option("--beside", beside,
-              "axis whose acceleration may act on this one (default: the one that explains most)")
+              "axis whose acceleration may act on this one (default: the one that explains most of "
+              "the error, else the first other one)")
       .takes("AXIS");
   command
       .option("MORE", more,
@@ -152,11 +153,26 @@ void AxisOptions::declare_several(OptionTable& command) {
 std::string AxisOptions::acting_on(const Recording& whole, const std::string& of,
                                    std::FILE* people) const {
   if (!beside.empty()) return beside;
-  std::string acting = acting_axis(whole, of);
-  if (!acting.empty())
-    say(people, "note: of the other axes, the acceleration of " + acting +
-                    " explains most of what a first model leaves; --beside names another one");
-  return acting;
+  ActingAxis acting;
+  {
+    const Progress progress("looking which axis acts on " + of);
+    acting = acting_axis(whole, of);
+  }
+  if (!acting.sought) return {};
+  for (const std::string& other : acting.apart)
+    say(people, "note: " + other + " has commands at other times than " + of +
+                    " (gaps): whether it acts on " + of + " is not known");
+  if (acting.name.empty()) {
+    say(people, text("note: the acceleration of no other axis explains %.0f %% of what a first "
+                     "model of ",
+                     100.0 * kMinShareOfActing) +
+                    of + " leaves");
+  } else {
+    say(people,
+        "note: of the other axes, the acceleration of " + acting.name +
+            text(" explains most of what a first model leaves: %.0f %%", 100.0 * acting.share));
+  }
+  return acting.name;
 }
 
 SegmentedAxis AxisOptions::read(std::FILE* people, bool seek_acting) const {
@@ -185,7 +201,7 @@ void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
     RecordingOptions one = recording;
     one.file = file;
     const Recording whole = one.read(people, read.axis);
-    SegmentedAxis next = segmented(whole, read.axis, people, beside);
+    SegmentedAxis next = segmented(whole, read.axis, people, read.neighbour);
     if (const double ratio = common_over_own(read.segments, next.segments);
         ratio > kMaxCommonOverOwn)
       say(people,

@@ -273,10 +273,12 @@ void run(const MtconnectArguments& arguments) {
     Adapter(arguments).run(arguments.seconds);
     return;
   }
+  std::FILE* people = people_beside({arguments.device});
   const DdsNode node(arguments.bus.place);
   write_result(arguments.device,
                device_description(arguments.bus.place.machine,
                                   axes_of_daemon(node, arguments.bus, kMaxDiscovery_s)));
+  say_written(people, {arguments.device});
 }
 
 }  // namespace

@@ -224,10 +224,20 @@ void run(const DiagnoseArguments& arguments) {
   const std::string name = axis_of(recording, arguments.input.axis);
   const bool commanded = !without_command(recording, name);
   std::string beside = arguments.earlier.empty() ? "" : read_model(arguments.earlier).neighbour;
-  if (beside.empty() || !arguments.input.beside.empty())
-    beside = commanded ? arguments.input.acting_on(recording, name, people) : "";
+  const std::string& given = arguments.input.beside;
+  const bool coupled = !beside.empty();
+  if (coupled && !given.empty() && given != beside)
+    throw std::runtime_error("--beside " + given + ": the earlier model is coupled to axis " +
+                             beside);
+  if (!coupled && commanded && !arguments.options.leaves_out("cross_coupling"))
+    beside = arguments.input.acting_on(recording, name, people);
+  else if (!coupled)
+    beside = given;
   SegmentedAxis axis = segmented(recording, name, people, beside);
   arguments.input.require_beside(axis);
+  if (coupled && axis.neighbour != beside)
+    throw std::runtime_error(axis.source + ": the earlier model is coupled to axis " + beside +
+                             ", whose command the recording does not have at the same times");
   arguments.input.read_more(axis, people);
   if (!commanded) {
     run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",

@@ -191,6 +191,7 @@ void run(const IdentifyArguments& arguments) {
     say_result(people, identified, axis.segments, arguments.details);
   if (!arguments.result.empty()) write_json(arguments.result, to_json(identified));
   if (!identified.refusals.empty()) {
+    say_written(people, {arguments.result});
     std::string why = "the model must not be used: ";
     for (std::size_t i = 0; i < identified.refusals.size(); ++i) {
       why += (i == 0 ? "" : "; ") + identified.refusals[i];
@@ -303,8 +304,8 @@ Command add_identify(CLI::App& app) {
       .takes("N")
       .between(0.0, static_cast<double>(kMaxModes));
   command.flag("--coupling", arguments->identify.coupling,
-               "model the effect of the other axis' acceleration on this one, if that lowers "
-               "the held-out error");
+               "model the effect of another axis' acceleration on this one (--beside), if that "
+               "lowers the held-out error");
   command
       .option(
           "--delay-max", arguments->identify.delay_max_s,

@@ -11,8 +11,11 @@
 namespace servotwin::daemon {
 namespace {
 
-// Steps of the time beyond this are cycles that are missing [cycles].
-constexpr double kLongestStep = 1.5;
+// Before a step of the time beyond this cycles may be missing [cycles]; or its stamp is late, as of
+// a bus whose adapter or host is busy. The stamps around it tell: of missing cycles all later
+// stamps are late, and the least late of so many rows is on time. Not more rows than end a move.
+constexpr double kLongestStep = 1.5, kMissing = 0.5;
+constexpr std::size_t kRowsAround = ProgramMatcher::kStandstillCycles;
 
 /// A command that was not heard has not changed, as far as anybody knows.
 bool stands(double before, double now) { return before == now || std::isnan(now); }
@@ -61,17 +64,41 @@ bool MotionWatch::take(const Recording& news) {
       if (still_ == ProgramMatcher::kStandstillCycles) moved_ = false;
       continue;
     }
-    if (still_ <= longest_pause_ &&
-        news.time[row] - time_.back() > kLongestStep * machine_.cycle_s) {
-      for (std::vector<double>& axis : command_) axis.push_back(kAbsent);
-      time_.push_back(time_.back());
-    }
+    if (still_ <= longest_pause_ && news.time[row] - time_.back() > kLongestStep * machine_.cycle_s)
+      long_steps_.push_back(time_.size());
     add(news.time[row], news, row);
     still_ = 0;
     moved_ = true;
   }
+  mark_missing();
   if (time_.size() * command_.size() > kMaxWatchedValues) drop_oldest();
   return ended;
+}
+
+void MotionWatch::mark_missing() {
+  const auto least_late = [&](std::size_t from, std::size_t to) {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = from; k < to; ++k)
+      least = std::min(least, time_[k] / machine_.cycle_s - static_cast<double>(k));
+    return least;
+  };
+  // The newest first: a row that is inserted moves those behind it. What has too few rows behind it
+  // waits for them.
+  std::vector<std::size_t> waiting;
+  for (auto step = long_steps_.rbegin(); step != long_steps_.rend(); ++step) {
+    const std::size_t at = *step;
+    if (at + kRowsAround > time_.size()) {
+      waiting.push_back(at);
+      continue;
+    }
+    const double before = least_late(at - std::min(at, kRowsAround), at);
+    if (least_late(at, at + kRowsAround) - before < kMissing) continue;
+    const auto place = static_cast<std::ptrdiff_t>(at);
+    for (std::vector<double>& axis : command_) axis.insert(axis.begin() + place, kAbsent);
+    time_.insert(time_.begin() + place, time_[at - 1]);
+    for (std::size_t& later : waiting) ++later;
+  }
+  long_steps_.assign(waiting.rbegin(), waiting.rend());
 }
 
 void MotionWatch::repeat_last(const Recording& news, std::size_t row) {
@@ -90,11 +117,13 @@ void MotionWatch::drop_oldest() {
   const auto rows = static_cast<std::ptrdiff_t>(time_.size() / 4);
   time_.erase(time_.begin(), time_.begin() + rows);
   for (std::vector<double>& axis : command_) axis.erase(axis.begin(), axis.begin() + rows);
+  std::erase_if(long_steps_, [&](std::size_t at) { return at <= time_.size() / 3; });
 }
 
 void MotionWatch::forget() {
   time_.clear();
   for (std::vector<double>& axis : command_) axis.clear();
+  long_steps_.clear();
   still_ = 0;
   moved_ = false;
 }

@@ -42,6 +42,8 @@ class MotionWatch {
  private:
   void add(double time_s, const Recording& news, std::size_t row);
   void repeat_last(const Recording& news, std::size_t row);
+  /// Puts a row without commands where cycles are missing: it is the same as no other one.
+  void mark_missing();
   void drop_oldest();
 
   MachineDescription machine_;
@@ -49,8 +51,9 @@ class MotionWatch {
   std::size_t longest_pause_;  // in rows
   std::vector<double> time_;   // [s], one per row
   std::vector<std::vector<double>> command_;
-  std::size_t still_ = 0;  // rows since the last motion
-  bool moved_ = false;     // since the last move that has ended
+  std::vector<std::size_t> long_steps_;  // rows before which cycles may be missing, oldest first
+  std::size_t still_ = 0;                // rows since the last motion
+  bool moved_ = false;                   // since the last move that has ended
 };
 
 }  // namespace servotwin::daemon

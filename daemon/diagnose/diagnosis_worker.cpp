@@ -127,7 +127,8 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     const std::int64_t begin = steady_ns();
     // With the other axes, because their motion may disturb this one.
     const Recording recorded = memory_.copy(from_s, until_s, "live");
-    SegmentedAxis motion = segment_axis(recorded, name, {}, acting_axis(recorded, name));
+    SegmentedAxis motion =
+        segment_axis(recorded, name, {}, acting_axis(recorded, name, options_.stop).name);
     // A long pause means that the machine was off: that is not a loss of cycles.
     std::erase_if(motion.report.splits,
                   [](const auto& split) { return split.length_s > kMinOffTime_s; });

@@ -50,6 +50,8 @@ std::string tenths(double value) {
   return out.str();
 }
 
+std::string percent(double share) { return number(std::round(100.0 * share)) + " %"; }
+
 EvidenceBounds bounds_of(const IdentifyConfig& config) {
   constexpr double kMemoriesUntilForgotten = 10.0;
   return {config.memory_s, 0.5 * config.memory_s, standing_s(config),
@@ -258,34 +260,37 @@ SegmentedAxis IdentificationWorker::remembered(std::size_t axis, double until_s,
 void IdentificationWorker::choose_beside(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   if (!config_.options.coupling || axes_.size() < 3 || !state.in_force) return;
-  // Of axes that do not act at most 0.01 (tests/diagnosis/acting_axis_test.cpp).
-  constexpr double kMinMoreShare = 0.05;
   const ModelRecord& record = state.in_force->record;
   std::string best = state.beside;
-  double least = kMinMoreShare, now = 0.0;
+  double now = 0.0, most = 0.0;
   try {
-    const std::vector<Segment> own = remembered(axis, until_s, record.neighbour).segments;
     const auto share = [&](const std::string& other) {
-      return share_of_neighbour(record.model, own, remembered(axis, until_s, other).segments);
+      return share_of_neighbour(record.model, remembered(axis, until_s, other).segments);
     };
     now = std::max(0.0, share(state.beside));
+    most = now + kMinShareOfActing;
     for (const Axis& other : axes_) {
       if (other.name == state.name || other.name == state.beside) continue;
-      if (const double more = share(other.name) - now; more > least)
-        least = more, best = other.name;
+      if (const double one = share(other.name); one > most) most = one, best = other.name;
     }
   } catch (const std::exception&) {
     return;  // the step that follows says what is wrong with the motion
   }
   if (best == state.beside) return;
-  state.beside = best;
+  events_.note("coupling_sought", state.name,
+               "of the error that model " + std::to_string(record.version) +
+                   " leaves without a coupling, the acceleration of " + best + " explains " +
+                   percent(most) + ", that of " + state.beside + " " + percent(now) +
+                   ": it is sought from here on, with new evidence");
+  seek_beside(axis, best);
+}
+
+void IdentificationWorker::seek_beside(std::size_t axis, const std::string& other) {
+  Axis& state = axes_[axis];
+  if (other == state.beside) return;
+  state.beside = other;
   state.evidence.forget_all();
   state.sorted_s = 0.0;
-  events_.note("coupling_sought", state.name,
-               "the acceleration of " + best + " explains " +
-                   number(std::round(100.0 * (now + least))) +
-                   " % of the squared error that model " + std::to_string(record.version) +
-                   " leaves: it is sought from here on, with new evidence");
 }
 
 SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
@@ -529,6 +534,8 @@ void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& mod
   in_force_[axis].publish({Twin(record.model), record.version, record.holdout.rms,
                            settling_cycles(record.model), neighbour_in(machine_, axis, record)});
   axes_[axis].in_force = model;
+  if (record.model.find(kind_of<CrossCoupling>()) != nullptr && !record.neighbour.empty())
+    seek_beside(axis, record.neighbour);
   {
     const std::lock_guard lock(status_mutex_);
     status_[axis].model_version = record.version;

@@ -114,9 +114,10 @@ class IdentificationWorker {
   [[nodiscard]] SegmentedAxis remembered(std::size_t axis, double until_s,
                                          const std::string& beside) const;
   /// Of several other axes, chooses the one whose acceleration is sought: by what the model in
-  /// force leaves. Another one than before has new evidence only, because all evidence is fitted
-  /// together.
+  /// force leaves without its coupling. Another one than before has new evidence only, because all
+  /// evidence is fitted together. A model that comes into force with a coupling chooses its own.
   void choose_beside(std::size_t axis, double until_s);
+  void seek_beside(std::size_t axis, const std::string& other);
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
   void seek(std::size_t axis, double until_s, const SegmentedAxis& motion,

@@ -193,7 +193,7 @@ std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_n
 
 SourceState CanSource::state(std::int64_t /*now_ns*/) const {
   // relaxed: for display; orders no data.
-  return {stalled_.load(std::memory_order_relaxed), malformed(), buses(), offsets_held_back()};
+  return {stalled_.load(std::memory_order_relaxed), malformed(), buses(), offsets_held_back(), {}};
 }
 
 std::uint64_t CanSource::malformed() const noexcept {

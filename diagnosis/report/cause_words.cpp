@@ -65,6 +65,8 @@ std::string plain_name(const Diagnosis& diagnosis, const Cause& cause) {
   const std::vector<Effect>& effects = diagnosis.extended.model.effects;
   const bool swings = cause.id == "gravity_offset" && cause.place < effects.size() &&
                       effects[cause.place].kind == kind_of<SwingingLoad>();
+  if (cause.id == "cross_coupling" && !diagnosis.baseline.neighbour.empty())
+    return "a force from the acceleration of axis " + diagnosis.baseline.neighbour;
   return swings ? "the weight of a load that swings with it" : plain_name(cause.id);
 }
 
@@ -109,10 +111,7 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     out = text("%.4g Hz, damping %.2g", of("frequency_hz"), of("damping_ratio"));
   if (id == "cutting_force")
     out = text("%.3g %s, teeth at %.4g Hz", of("mean"), force, of("tooth_frequency_hz"));
-  if (id == "cross_coupling")
-    out = text("%.2g %% of the acceleration of ", 100.0 * std::abs(of("ratio"))) +
-          (diagnosis.baseline.neighbour.empty() ? "the other axis"
-                                                : "axis " + diagnosis.baseline.neighbour);
+  if (id == "cross_coupling") out = text("%.2g %% of it", 100.0 * std::abs(of("ratio")));
   if (id == "torque_saturation") out = text("at most %.3g %s", of("limit_mps2"), force);
   if (id == "viscous_drift")
     out = text("decays with a time constant of %.3g s", of("time_constant_s"));

@@ -5,6 +5,7 @@
 // Any thread; no clock.
 #pragma once
 
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -15,16 +16,27 @@ namespace servotwin {
 
 struct Recording;
 
-/// Share of the squared error that a model leaves on left-out blocks which the acceleration of
-/// another axis explains beside the model; at most 1, not above 0 where it explains nothing.
-/// `own`: the motion as the model simulates it; `beside`: the same motion with the command of the
-/// axis in question as its neighbour. Errors: std::invalid_argument of the simulation.
-[[nodiscard]] double share_of_neighbour(const Model& model, const std::vector<Segment>& own,
-                                        const std::vector<Segment>& beside);
+/// What it must explain, as a share of the squared error. Of axes that do not act at most 0.01
+/// (tests/diagnosis/acting_axis_test.cpp).
+inline constexpr double kMinShareOfActing = 0.05;
 
-/// The name of the axis that acts on `axis`, beside models that are identified for this; empty
-/// where the recording has fewer than two other axes with commands, none of them explains anything,
-/// or no model can be identified. Takes some seconds.
-[[nodiscard]] std::string acting_axis(const Recording& recording, const std::string& axis);
+/// Share of the squared error on left-out blocks that the acceleration of another axis explains
+/// beside the model without its coupling; at most 1, not above 0 where it explains nothing.
+/// `beside`: the motion with the command of that axis as its neighbour. Errors:
+/// std::invalid_argument of the simulation.
+[[nodiscard]] double share_of_neighbour(const Model& model, const std::vector<Segment>& beside);
+
+struct ActingAxis {
+  bool sought = false;             ///< there were several to choose from
+  std::string name;                ///< empty: none explains kMinShareOfActing
+  double share = 0.0;              ///< share_of_neighbour()
+  std::vector<std::string> apart;  ///< not looked at: their commands are of other times
+};
+
+/// The axis that acts on `axis`, beside models that are identified for this from at most 30 s of
+/// the recording: some seconds. None where the recording has fewer than two other axes with
+/// commands, or no model can be identified, or when `stop` is requested.
+[[nodiscard]] ActingAxis acting_axis(const Recording& recording, const std::string& axis,
+                                     const std::stop_token& stop = {});
 
 }  // namespace servotwin

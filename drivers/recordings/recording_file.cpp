@@ -100,8 +100,7 @@ RecordingFormat format_by(std::string_view start, const std::filesystem::path& f
   if (const ForeignFormat* foreign = foreign_format(start))
     refuse(std::string("is a ") + foreign->name + ", which is not read; " + foreign->advice);
   if (const std::string schema = own_schema(start, file); !shown && !schema.empty())
-    refuse("is a file of Servotwin (" + schema +
-           ") and not a recording; a model belongs to --model");
+    refuse("is a file of Servotwin (" + schema + ") and not a recording");
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (!shown && file.extension() == ".log" && !is_utf16(start) && !is_table(start)) {

@@ -2,6 +2,7 @@
 // the twin.
 #include "diagnosis/search/acting_axis.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -52,29 +53,59 @@ Recording four_axes(double common_mass) {
 
 TEST(ActingAxis, IsTheOneThatPushesAndNotTheFirstOtherOne) {
   const Recording machine = four_axes(4.0);
-  EXPECT_EQ(acting_axis(machine, "X"), "Y") << "whose spring hides it until it is in the model";
-  EXPECT_EQ(acting_axis(machine, "Y"), "X");
+  const ActingAxis of_x = acting_axis(machine, "X"), of_y = acting_axis(machine, "Y");
+  EXPECT_EQ(of_x.name, "Y") << "whose spring hides it until it is in the model";
+  EXPECT_EQ(of_y.name, "X");
+  EXPECT_GT(of_x.share, 0.5);
+  EXPECT_GT(of_y.share, 0.5);
   EXPECT_EQ(segment_axis(machine, "X").neighbour, "A") << "what would be taken without asking";
 }
 
 TEST(ActingAxis, NeedsNoChoiceBetweenTwoAxes) {
   Recording machine = four_axes(4.0);
   machine.axes.erase(machine.axes.begin() + 1, machine.axes.begin() + 3);
-  EXPECT_EQ(acting_axis(machine, "X"), "");
+  const ActingAxis none = acting_axis(machine, "X");
+  EXPECT_FALSE(none.sought);
+  EXPECT_EQ(none.name, "");
 }
 
-TEST(ActingAxis, IsNoneWhereNobodyPushes) { EXPECT_EQ(acting_axis(four_axes(0.0), "Y"), ""); }
+TEST(ActingAxis, IsNotLookedForInCommandsOfOtherTimes) {
+  Recording machine = four_axes(4.0);
+  std::fill_n(machine.axes[3].command.begin() + 5000, 1000, kAbsent);
+  std::stop_source stop;
+  stop.request_stop();
+  const ActingAxis none = acting_axis(machine, "X", stop.get_token());
+  EXPECT_TRUE(none.sought);
+  EXPECT_THAT(none.apart, testing::ElementsAre("Y"));
+  EXPECT_EQ(none.name, "");
+}
 
-TEST(ActingAxis, ComparesTheSameMotionOnly) {
-  const Recording machine = four_axes(4.0);
+TEST(ActingAxis, IsNoneWhereNobodyPushes) {
+  const Recording machine = four_axes(0.0);
+  const ActingAxis none = acting_axis(machine, "Y");
+  EXPECT_TRUE(none.sought);
+  EXPECT_EQ(none.name, "");
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  options.friction = kind_of<Presliding>();
   const SegmentedAxis axis = segment_axis(machine, "Y", {}, "X");
-  const Model model = identify(axis, {}).record.model;
+  EXPECT_LT(share_of_neighbour(identify(axis, options).record.model, axis.segments), 0.01)
+      << "it was looked at, and explains nothing";
+}
+
+// What a model contains already must not make another axis look better.
+TEST(ActingAxis, IsSoughtBesideAModelWithoutItsCoupling) {
+  const SegmentedAxis axis = segment_axis(four_axes(4.0), "Y", {}, "X");
+  Model model = identify(axis, {}).record.model;
+  const double share = share_of_neighbour(model, axis.segments);
+  EXPECT_GT(share, 0.1);
+  model.effects.push_back(make_effect<CrossCoupling>());
+  model.effects.back().coefficient[0] = -0.13;
+  EXPECT_EQ(share_of_neighbour(model, axis.segments), share);
   std::vector<Segment> alone = axis.segments;
   alone[0].neighbour.resize(0);
-  EXPECT_EQ(share_of_neighbour(model, axis.segments, alone), 0.0);
-  EXPECT_EQ(share_of_neighbour(model, axis.segments, {}), 0.0);
-  EXPECT_GT(share_of_neighbour(model, alone, axis.segments), 0.1)
-      << "the model has no coupling, so its own neighbour does not matter";
+  EXPECT_EQ(share_of_neighbour(model, alone), 0.0);
+  EXPECT_EQ(share_of_neighbour(model, {}), 0.0);
 }
 
 }  // namespace

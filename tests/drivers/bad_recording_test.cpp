@@ -113,8 +113,7 @@ TEST_F(BadRecording, ATableMayHaveAColumnThatIsCalledLikeSuchAFormat) {
 TEST_F(BadRecording, AFileThatServotwinWroteIsCalledWhatItIs) {
   const std::string long_model = "{\n  \"axis\": \"" + std::string(5000, 'X') +
                                  "\",\n  \"schema\": \"servotwin.model/1\"\n}\n";
-  refuses(long_model,
-          {"is a file of Servotwin", "servotwin.model/1", "not a recording", "--model"});
+  refuses(long_model, {"is a file of Servotwin", "servotwin.model/1", "not a recording"});
   refuses("{\"schema\":\"servotwin.diagnosis/1\"}\n", {"servotwin.diagnosis/1"});
 }
 TEST_F(BadRecording, BinaryGarbageWithoutZeros) {

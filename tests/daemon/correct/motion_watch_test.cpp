@@ -19,7 +19,7 @@ constexpr double kCycle_s = 1e-3;
 struct Heard {
   void hear(double x, double y) {
     if (news.axes.empty()) news.axes = {{"X", false, {}, {}, {}, {}}, {"Y", false, {}, {}, {}, {}}};
-    news.time.push_back(now_s += kCycle_s);
+    news.time.push_back((now_s += kCycle_s) + late_s);
     news.axes[0].command.push_back(x);
     news.axes[1].command.push_back(y);
     if (news.time.size() == 100) send();
@@ -38,6 +38,7 @@ struct Heard {
       if (k >= 500 && k < 500 + lost) {
         now_s += kCycle_s;
       } else {
+        late_s = late_at == k ? 0.9 * kCycle_s : 0.0;
         hear(0.2 + radius * (1.0 - std::cos(angle)), 0.1 + radius * std::sin(angle));
       }
     }
@@ -45,7 +46,8 @@ struct Heard {
 
   MotionWatch watch{{kCycle_s, {{"X", false, ""}, {"Y", false, ""}}}, 2e-6};
   Recording news;
-  double now_s = 0.0;
+  double now_s = 0.0, late_s = 0.0;
+  int late_at = 0;  // the cycle of a turn whose stamp is late, once
   int ended = 0;
 };
 
@@ -99,6 +101,28 @@ TEST(MotionWatch, CyclesLostInAMoveMakeItAnotherButNotInAPause) {
     }
     machine.send();
     EXPECT_EQ(machine.watch.repetition().has_value(), lost == 0);
+  }
+}
+
+// An adapter that hands several frames over at once stamps some of them late; none is lost.
+TEST(MotionWatch, ALateStampMakesItNoOtherMove) {
+  for (const int lost : {0, 1}) {
+    SCOPED_TRACE(lost);
+    Heard machine;
+    machine.rest(300);
+    int turns = 0;
+    for (const int pause : {700, 800, 640}) {
+      machine.late_at = 100 * ++turns;
+      machine.turn(0.01, lost);
+      machine.rest(pause);
+    }
+    machine.late_at = 999;  // near its end
+    machine.turn(0.01, lost);
+    machine.rest(700);
+    machine.send();
+    const auto found = machine.watch.repetition();
+    ASSERT_EQ(found.has_value(), lost == 0);
+    EXPECT_EQ(found ? found->begins.size() : 0U, lost == 0 ? 4U : 0U);
   }
 }
 

@@ -62,6 +62,7 @@ class CoupledAxes : public testing::Test {
     std::vector<LatestValue<TwinInForce>> models(record_.size());
     IdentificationWorker worker(machine_, config_, memory, store, events, models,
                                 [&](const StoredModel& model) { found_ = model.record; });
+    worker.restore();
     for (Eigen::Index k = 0; k < record_[0].size(); ++k) {
       const MachineFrame one = frame(k);
       CycleRow row;
@@ -128,6 +129,25 @@ TEST_F(CoupledAxes, OfThreeTheOneThatPushesIsFound) {
   EXPECT_EQ(found_->neighbour, "Y");
   EXPECT_EQ(neighbour_in(machine_, 0, *found_), 2);
   EXPECT_LT(1.5 * residual_of_x(2), residual_of_x(-1));
+}
+
+// After a restart, and after a model by hand, the coupling that is in force is sought on.
+TEST_F(CoupledAxes, AfterARestartTheAxisInForceIsSought) {
+  put_in_an_axis_that_touches_nobody();
+  {
+    Store store(directory_.path(), "coupled");
+    ModelRecord record = record_of(drive());
+    record.model.sample_time_s = machine_.cycle_s;
+    record.model.effects.push_back(make_effect<CrossCoupling>());
+    record.neighbour = "Y";
+    store.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
+  }
+  identify_x();
+  EXPECT_EQ(said_.str().find("it is sought from here on"), std::string::npos) << said_.str();
+  ASSERT_TRUE(found_.has_value());
+  EXPECT_GT(found_->version, 1) << said_.str();
+  ASSERT_NE(found_->model.find(kind_of<CrossCoupling>()), nullptr) << said_.str();
+  EXPECT_EQ(found_->neighbour, "Y");
 }
 
 // Each model has the axis beside it that it is coupled to.

@@ -153,7 +153,7 @@ TEST(HttpServer, ManyLargeAnswersDoNotDelayAChange) {
 }
 
 TEST(LongHttpServer, ARequestByteByByteAndAStreamThatTakesNothingAreEnded) {
-  constexpr double kPatience_s = 120.0;
+  constexpr double kMostWait_s = 120.0;
   HttpServer server({"127.0.0.1", 0, false}, {}, [](const HttpRequest&) {
     HttpResponse out;
     out.stream = true;
@@ -169,7 +169,7 @@ TEST(LongHttpServer, ARequestByteByByteAndAStreamThatTakesNothingAreEnded) {
   const std::string message = "\"" + std::string(60'000, 'x') + "\"";
   const double begin_s = now_s();
   double slow_s = 0.0, stalled_s = 0.0;  // how long they were open
-  while ((slow_s == 0.0 || stalled_s == 0.0) && now_s() < begin_s + kPatience_s) {
+  while ((slow_s == 0.0 || stalled_s == 0.0) && now_s() < begin_s + kMostWait_s) {
     server.send("live", message);
     for (const double turn_s = now_s(); now_s() < turn_s + 0.05;) {
       server.poll(10);
