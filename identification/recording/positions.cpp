@@ -5,6 +5,7 @@
 
 #include "identification/recording/order_statistics.h"
 #include "identification/recording/regression.h"
+#include "identification/recording/run_in.h"
 #include "identification/recording/spikes.h"
 #include "identification/recording/turns.h"
 #include "identification/recording/values.h"
@@ -273,6 +274,7 @@ std::vector<std::string> mend_positions(Recording& recording, const std::string&
     if (!only.empty() && axis.name != only) continue;
     // Not before: where positions go round, noise makes single values of the other end.
     if (const auto line = leave_out_spikes(axis, recording.time, step_s)) say(*line);
+    if (const auto line = leave_out_run_in(axis, recording.time)) say(*line);
     if (const auto line = tiny(axis)) say(*line);
     for (const std::string& line : mend_encoder(axis, step_s, limits)) say(line);
     if (const auto line = held(axis, "encoder", axis.actual, axis.command, step_s)) say(*line);

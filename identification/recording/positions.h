@@ -3,7 +3,8 @@
 //
 // For every axis, in this order, from command and encoder together:
 //   1. Positions that go round (0 to 360 degrees) are unwrapped (turns.h).
-//   2. Single wrong values of the encoder are left out (spikes.h).
+//   2. Single wrong values of the encoder are left out (spikes.h), and so is its way to where the
+//   command is, where the recording begins with that (run_in.h).
 //   3. An encoder that counts against its command gets the other sign.
 //   4. An encoder that moves 0.4 to 2.5 times as far as its command, and not as far, is divided by
 //      that ratio (gear ratio, unit or pitch). Only where it rested at places far apart: in motion

@@ -539,6 +539,41 @@ TEST(Positions, SingleWrongValuesAreLeftOutAndTheOthersStay) {
   EXPECT_THAT(mend_positions(one), ElementsAre(HasSubstr("one value of the encoder is 2.000")));
 }
 
+TEST(Positions, TheWayToTheCommandAtTheBeginningIsLeftOut) {
+  const Recording whole = motion(0.3, false);
+  Recording late = whole;
+  constexpr std::size_t kArrives = 400;
+  const auto away = [&](double from_m) {
+    late = whole;
+    for (std::size_t i = 0; i < kArrives; ++i)
+      late.axes[0].actual[i] +=
+          from_m * 0.5 * (1.0 + std::cos(std::numbers::pi * static_cast<double>(i) / kArrives));
+  };
+  away(0.4);
+  EXPECT_THAT(mend_positions(late),
+              ElementsAre(testing::AllOf(
+                  HasSubstr("C: the axis begins 399.999 mm from its command and has run to it"),
+                  HasSubstr("left out until then"))));
+  const std::vector<double>& left = late.axes[0].actual;
+  const auto arrived = static_cast<std::size_t>(
+      std::find_if(left.begin(), left.end(), [](double x) { return std::isfinite(x); }) -
+      left.begin());
+  EXPECT_GT(arrived, 8 * kArrives / 10);
+  EXPECT_LE(arrived, kArrives);
+  EXPECT_TRUE(
+      std::equal(left.begin() + kArrives, left.end(), whole.axes[0].actual.begin() + kArrives));
+  away(0.02);  // no more than the axis lags later
+  EXPECT_THAT(mend_positions(late), IsEmpty());
+  // A step that the command makes once, at the beginning, is the motion.
+  Recording step = whole;
+  std::fill(step.axes[0].command.begin(), step.axes[0].command.end(), 0.1);
+  for (std::size_t i = 0; i < step.time.size(); ++i)
+    step.axes[0].actual[i] = 0.1 - 0.1 * std::exp(-static_cast<double>(i) / 50.0);
+  const std::vector<double> as_it_was = step.axes[0].actual;
+  (void)mend_positions(step);
+  EXPECT_EQ(step.axes[0].actual, as_it_was);
+}
+
 TEST(Positions, WhatAnAxisCanDoIsNoSpike) {
   const Recording whole = motion(0.3, false);
   // A step stays where it is, two values in a row are an event, a count that flickers is noise,
