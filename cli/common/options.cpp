@@ -191,6 +191,20 @@ void AxisOptions::require_beside(const SegmentedAxis& read) const {
                            read.axis + " with commands at the same times (--beside)");
 }
 
+namespace {
+
+/// Whether the segments of `next` are among those of `all` already.
+bool is_copy(const std::vector<Segment>& all, const std::vector<Segment>& next) {
+  return std::all_of(next.begin(), next.end(), [&](const Segment& s) {
+    return std::any_of(all.begin(), all.end(), [&](const Segment& known) {
+      return known.size() == s.size() && known.actual.size() == s.actual.size() &&
+             (known.command == s.command).all() && (known.actual == s.actual).all();
+    });
+  });
+}
+
+}  // namespace
+
 void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
   for (const std::filesystem::path& file : more) {
     std::error_code error;
@@ -202,6 +216,10 @@ void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
     one.file = file;
     const Recording whole = one.read(people, read.axis);
     SegmentedAxis next = segmented(whole, read.axis, people, read.neighbour);
+    if (is_copy(read.segments, next.segments))
+      throw std::runtime_error(file.string() +
+                               ": has the same motion, sample by sample, as a recording before it; "
+                               "its hold-out would be fitted with its copy");
     if (const double ratio = common_over_own(read.segments, next.segments);
         ratio > kMaxCommonOverOwn)
       say(people,

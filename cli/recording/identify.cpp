@@ -90,8 +90,9 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
            ", which is the encoder's own noise: a finer encoder or a longer motion tells more";
   if (explained < kMinExplained) return "weak: " + share + kSeekCauses;
   if (!record.excitation.empty())
-    return "good for motion like this: " + share +
-           "; other motion may be predicted worse, since not all of the model was excited";
+    return "for motion like this only: " + share +
+           "; not all of the model was excited: other motion may be predicted worse, and its "
+           "parameters need not be those of the axis";
   // Above it noise is less than a ninth of the squared residual.
   constexpr double kMaxRmsOverFloorOfNoise = 3.0;
   if (record.noise_floor.rms > 0.0 && left > kMaxRmsOverFloorOfNoise * record.noise_floor.rms)

@@ -159,6 +159,16 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
 
 }  // namespace
 
+namespace {
+
+/// ", 0.7 % of the tracking error": whether it matters.
+std::string share_of_tracking(double error, const CommandLag& lag) {
+  if (!(lag.tracking_rms > error)) return {};
+  return text(", %.2g %% of the tracking error", 100.0 * error / lag.tracking_rms);
+}
+
+}  // namespace
+
 std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::string>& by_torque) {
   std::string axis = "Axis " + diagnosis.baseline.axis;
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
@@ -192,8 +202,9 @@ std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::str
       return axis + " deviates from its simulation in a way that " +
              (named.empty() ? "none of the known causes explains"
                             : "is explained only in part, by " + named) +
-             text(": the error is %s RMS.",
+             text(": the error is %s RMS",
                   micro_text(1e-6 * before, diagnosis.baseline.rotary, 3).c_str()) +
+             share_of_tracking(1e-6 * before, diagnosis.lag) + "." +
              (named.empty() ? of_torque : shown);
     }
     case Verdict::kExplained:

@@ -160,8 +160,8 @@ class TorqueConclusion {
       if (plateau.backward > 0.0) out.emplace_back("width_backward", plateau.backward);
       out.emplace_back("reversals", static_cast<double>(plateau.reversals.size()));
     } else if (part.id == "gravity_offset") {
-      out = {{"offset_" + unit, body_.opposite ? -c(0) : c(0)},
-             {"over_coulomb", body_.coulomb > 0.0 ? std::abs(c(0)) / body_.coulomb : kAbsent}};
+      out = {{"offset_" + unit, body_.opposite ? -c(0) : c(0)}};
+      if (body_.coulomb > 0.0) out.emplace_back("over_coulomb", std::abs(c(0)) / body_.coulomb);
     } else if (part.id == "asymmetric_friction") {
       const auto own = [&](Eigen::Index column) { return column < 0 ? 0.0 : theta_(column); };
       const double level = own(body_.coulomb_column()), viscous = own(body_.viscous_column());
@@ -227,7 +227,6 @@ bool plausible(const TorqueCause& cause) {
   constexpr double kMaxRatio = 3.0;
   return std::all_of(cause.parameters.begin(), cause.parameters.end(), [](const auto& parameter) {
     const auto& [name, value] = parameter;
-    if (name == "over_coulomb") return !(value < 0.0);  // absent without Coulomb friction
     if (name == "ratio") return value > 1.0 / kMaxRatio && value < kMaxRatio;
     const bool friction = name.starts_with("coulomb_plus") || name.starts_with("coulomb_minus");
     return std::isfinite(value) && !(friction && value < 0.0);
@@ -235,8 +234,12 @@ bool plausible(const TorqueCause& cause) {
 }
 
 TorqueDoubt doubt_of(const TorqueCause& cause) {
+  // RMS on the hold-out with the cause over that without it. A cause that is worth less is true of
+  // every axis to some degree: a joint whose friction differs by 0.1 % between the directions.
+  constexpr double kMaxRmsRatio = 0.95;
   if (!plausible(cause)) return TorqueDoubt::kParameters;
-  if (!(cause.gain.low > 0.0)) return TorqueDoubt::kGain;
+  if (!(cause.gain.low > 0.0) || cause.gain.after > kMaxRmsRatio * cause.gain.before)
+    return TorqueDoubt::kGain;
   return TorqueDoubt::kNone;
 }
 

@@ -35,6 +35,9 @@ constexpr double kMinUnevenness = 0.1;
 // Of the friction, by which it must change at a moment to be named: temperature alone changes it by
 // as much within minutes.
 constexpr double kMinChangeOfFriction = 0.05;
+// Of the friction, by which it must differ from the mean of both directions: less is nothing that
+// anybody could mend.
+constexpr double kMinDifference = 0.01, kMinViscousDifference = 0.05;
 constexpr int kMaxHarmonic = 8;
 constexpr std::size_t kMaxCoggingLines = 6,
                       kLinesTried = 4;  // of cogging: periods in all, per round
@@ -327,7 +330,10 @@ class TorqueSelection {
     append(all, own);
     const Eigen::VectorXd theta = training_of(rows_).fit(rows_.training(all));
     const Eigen::VectorXd of_own = theta.tail(own.cols());
-    if (term.kind == kind_of<AsymmetricFriction>()) return std::abs(of_own(0)) < body_.coulomb;
+    if (term.kind == kind_of<AsymmetricFriction>())
+      return std::abs(of_own(0)) < body_.coulomb &&
+             (std::abs(of_own(0)) > kMinDifference * body_.coulomb ||
+              (of_own.size() > 1 && std::abs(of_own(1)) > kMinViscousDifference * body_.viscous));
     if (term.kind == kind_of<PeriodicDisturbance>()) {
       // A frequency with which the motion itself repeats is not a disturbance.
       const Eigen::MatrixXd wave = rows_.training(rows_.rough_waves(term.kind, term.shapes[0]));

@@ -29,6 +29,7 @@ constexpr std::array kUnits{
     KnownUnit{"\u00b5m", Quantity::kLength, 1, 1e6, "m"},
     KnownUnit{"nm", Quantity::kLength, 1, 1e9, "m"},
     KnownUnit{"in", Quantity::kLength, 254, 1e4, "m"},
+    KnownUnit{"inch", Quantity::kLength, 254, 1e4, "m"},
     KnownUnit{"rad", Quantity::kAngle, 1, 1, "rad"},
     KnownUnit{"deg", Quantity::kAngle, kPi, 180, "rad"},
     KnownUnit{"rev", Quantity::kAngle, 2 * kPi, 1, "rad"},

@@ -6,6 +6,7 @@
 #include "identification/recording/order_statistics.h"
 #include "identification/recording/regression.h"
 #include "identification/recording/run_in.h"
+#include "identification/recording/slow_command.h"
 #include "identification/recording/spikes.h"
 #include "identification/recording/turns.h"
 #include "identification/recording/values.h"
@@ -82,7 +83,7 @@ std::vector<std::size_t> rows_at_rest(const AxisRecord& axis, double step_s) {
 /// over that of the motion.
 struct Ratio {
   double ratio = 0.0, left = 0.0;
-  double ahead_rows = 0.0;  ///< of the command, at constant speed; negative: it lags
+  double ahead_rows = 0.0;  ///< of the command, at constant speed; negative: it lags; 0: not known
   bool at_rest = false;     ///< in motion a lag can look like a ratio
 };
 
@@ -91,15 +92,22 @@ std::optional<Ratio> ratio_at(const AxisRecord& axis, const std::vector<std::siz
   constexpr std::size_t kMinRows = 100;
   if (rows.size() < kMinRows) return std::nullopt;
   Regression<3> regression;
+  double slopes = 0.0;
   for (const std::size_t i : rows) {
+    slopes += command_slope(axis, i);
     regression.add(
         {axis.command[i], command_slope(axis, i), command_bend(axis, i), axis.actual[i]});
   }
   const double motion = regression.deviation(0);
   if (!(motion > 0.0)) return std::nullopt;
   const auto fit = regression.fit();
+  // At one speed a lag is another zero of the encoder.
+  constexpr double kMinVariation = 0.3;  // of the speed, over its mean
+  const bool one_speed =
+      regression.deviation(1) < kMinVariation * std::abs(slopes) / static_cast<double>(rows.size());
   // The slope of the command is twice its change per row.
-  const Ratio out{fit.slopes(0), fit.rms / motion, 2.0 * fit.slopes(1) / fit.slopes(0), false};
+  const Ratio out{fit.slopes(0), fit.rms / motion,
+                  one_speed ? 0.0 : 2.0 * fit.slopes(1) / fit.slopes(0), false};
   return std::isfinite(out.ratio) ? std::optional(out) : std::nullopt;
 }
 
@@ -152,9 +160,13 @@ std::optional<std::string> mend_zero(AxisRecord& axis, const std::vector<std::si
 /// A value that is refreshed at a regular interval and by various amounts is held in between. A
 /// coarse encoder changes by its step, at intervals that depend on the speed. `other` tells which
 /// rows are in motion.
-std::optional<std::string> held(const AxisRecord& axis, const char* what,
-                                const std::vector<double>& value, const std::vector<double>& other,
-                                double step_s) {
+struct Held {
+  double period = 0.0;  // [rows]
+  std::string words;
+};
+
+std::optional<Held> held(const AxisRecord& axis, const char* what, const std::vector<double>& value,
+                         const std::vector<double>& other, double step_s) {
   Values intervals, sizes;
   std::size_t last = 0, repeats = 0, moving = 0;
   const std::vector<std::size_t> rows = rows_of_both(axis);
@@ -189,9 +201,27 @@ std::optional<std::string> held(const AxisRecord& axis, const char* what,
       median(sizes) < kMinSizes * *std::min_element(sizes.begin(), sizes.end()))
     return std::nullopt;
   const double share = static_cast<double>(repeats) / static_cast<double>(moving);
-  return std::string("the ") + what + " is refreshed every " + number(1e3 * typical * step_s) +
-         " ms only: " + number(std::round(100.0 * share)) +
-         " % of the rows in motion repeat the value before; the motion in between is not recorded";
+  return Held{typical, std::string("the ") + what + " is refreshed every " +
+                           number(1e3 * typical * step_s) +
+                           " ms only: " + number(std::round(100.0 * share)) +
+                           " % of the rows in motion repeat the value before; "};
+}
+
+constexpr const char* kNotRecorded = "the motion in between is not recorded";
+constexpr const char* kInterpolated =
+    "it is interpolated, as drives do (--as-recorded takes it as steps)";
+
+/// A command that is recorded more slowly than the encoder beside it is interpolated.
+std::optional<std::string> mend_command(AxisRecord& axis, double step_s) {
+  if (const double period = period_of_sparse(axis.command); period > 0.0) {
+    interpolate_refreshed(axis.command, period);
+    return "the command is recorded every " + number(1e3 * period * step_s) +
+           " ms only, the encoder in every row: it is interpolated, as drives do";
+  }
+  const auto slow = held(axis, "command", axis.command, axis.actual, step_s);
+  if (!slow) return std::nullopt;
+  interpolate_refreshed(axis.command, slow->period);
+  return slow->words + kInterpolated;
 }
 
 double step_of(const std::vector<double>& time) {
@@ -256,8 +286,8 @@ std::vector<std::string> mend_motor(AxisRecord& axis, const std::vector<double>&
   if (const auto line = unwrap(motor)) out.push_back(*line);
   if (const auto line = leave_out_spikes(motor, time, step_s)) out.push_back(*line);
   for (const std::string& line : mend_encoder(motor, step_s, limits)) out.push_back(line);
-  if (const auto line = held(motor, "encoder", motor.actual, motor.command, step_s))
-    out.push_back(*line);
+  if (const auto slow = held(motor, "encoder", motor.actual, motor.command, step_s))
+    out.push_back(slow->words + kNotRecorded);
   axis.actual_motor = std::move(motor.actual);
   return out;
 }
@@ -271,14 +301,15 @@ std::vector<std::string> mend_positions(Recording& recording, const std::string&
   for (AxisRecord& axis : recording.axes) {
     const auto say = [&](const std::string& line) { out.push_back(axis.name + ": " + line); };
     if (const auto line = unwrap(axis)) say(*line);
+    if (const auto line = mend_command(axis, step_s)) say(*line);
     if (!only.empty() && axis.name != only) continue;
     // Not before: where positions go round, noise makes single values of the other end.
     if (const auto line = leave_out_spikes(axis, recording.time, step_s)) say(*line);
     if (const auto line = leave_out_run_in(axis, recording.time)) say(*line);
     if (const auto line = tiny(axis)) say(*line);
     for (const std::string& line : mend_encoder(axis, step_s, limits)) say(line);
-    if (const auto line = held(axis, "encoder", axis.actual, axis.command, step_s)) say(*line);
-    if (const auto line = held(axis, "command", axis.command, axis.actual, step_s)) say(*line);
+    if (const auto slow = held(axis, "encoder", axis.actual, axis.command, step_s))
+      say(slow->words + kNotRecorded);
     if (axis.actual_motor.empty()) continue;
     for (const std::string& line : mend_motor(axis, recording.time, step_s, limits))
       out.push_back(axis.name + ".actual_motor: " + line);

@@ -3,7 +3,8 @@
 //
 // For every axis, in this order, from command and encoder together:
 //   1. Positions that go round (0 to 360 degrees) are unwrapped (turns.h).
-//   2. Single wrong values of the encoder are left out (spikes.h), and so is its way to where the
+//   2. A command that is recorded more slowly than the encoder is interpolated (slow_command.h).
+//      Single wrong values of the encoder are left out (spikes.h), and so is its way to where the
 //   command is, where the recording begins with that (run_in.h).
 //   3. An encoder that counts against its command gets the other sign.
 //   4. An encoder that moves 0.4 to 2.5 times as far as its command, and not as far, is divided by
@@ -11,9 +12,8 @@
 //      a lag can look like a ratio.
 //   5. An encoder whose zero is elsewhere at rest gets that of the command; where it may as well be
 //      an axis that does not reach its command, that is only reported.
-//   6. Reported, and left as it is: an encoder or a command that is refreshed more slowly than it
-//   is
-//      recorded, an encoder ahead of its command, a travel so small that its unit may be wrong.
+//   6. Reported, and left as it is: an encoder that is refreshed more slowly than it is recorded,
+//      an encoder ahead of its command, a travel so small that its unit may be wrong.
 // An encoder of the motor beside that of the load is repaired in the same way, but for its zero.
 // Each repair is far from what a machine does (`PositionLimits`), so that thermal growth, lead
 // errors and backlash stay as they are.
@@ -48,9 +48,9 @@ struct PositionLimits {
   double unexplained = 0.02;
 };
 
-/// Repairs the positions of every axis, or of `only`; the others are unwrapped, because they are
-/// its neighbours. One line per repair or finding, beginning with the axis; also in the notes of
-/// the recording, which tell how it was made.
+/// Repairs the positions of every axis, or of `only`; of the others, which are its neighbours, the
+/// positions are unwrapped and the commands interpolated. One line per repair or finding, beginning
+/// with the axis; also in the notes of the recording, which tell how it was made.
 std::vector<std::string> mend_positions(Recording& recording, const std::string& only = "",
                                         const PositionLimits& limits = {});
 
