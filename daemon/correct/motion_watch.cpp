@@ -117,7 +117,8 @@ void MotionWatch::drop_oldest() {
   const auto rows = static_cast<std::ptrdiff_t>(time_.size() / 4);
   time_.erase(time_.begin(), time_.begin() + rows);
   for (std::vector<double>& axis : command_) axis.erase(axis.begin(), axis.begin() + rows);
-  std::erase_if(long_steps_, [&](std::size_t at) { return at <= time_.size() / 3; });
+  // Those that wait are among the last rows.
+  for (std::size_t& at : long_steps_) at -= static_cast<std::size_t>(rows);
 }
 
 void MotionWatch::forget() {

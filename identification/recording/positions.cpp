@@ -213,7 +213,14 @@ constexpr const char* kInterpolated =
 
 /// A command that is recorded more slowly than the encoder beside it is interpolated.
 std::optional<std::string> mend_command(AxisRecord& axis, double step_s) {
-  if (const double period = period_of_sparse(axis.command); period > 0.0) {
+  std::size_t alone = 0, absent = 0;  // rows of the encoder without a command
+  for (std::size_t i = 0; i < std::min(axis.command.size(), axis.actual.size()); ++i) {
+    if (std::isfinite(axis.command[i])) continue;
+    ++absent;
+    alone += std::isfinite(axis.actual[i]) ? 1 : 0;
+  }
+  // Where both are absent, the rows are those of another axis.
+  if (const double period = period_of_sparse(axis.command); period > 0.0 && 2 * alone > absent) {
     interpolate_refreshed(axis.command, period);
     return "the command is recorded every " + number(1e3 * period * step_s) +
            " ms only, the encoder in every row: it is interpolated, as drives do";

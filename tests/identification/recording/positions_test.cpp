@@ -558,6 +558,13 @@ TEST(Positions, ACommandThatIsRecordedSlowlyIsInterpolated) {
     const std::size_t end = command.size() - 4;  // behind the last value nothing is known
     for (std::size_t i = 0; i < end; ++i)
       most = std::max(most, std::abs(command[i] - whole.axes[0].command[i]));
+    if (blank) {  // rows of another axis: neither has a value there
+      Recording merged = whole;
+      for (std::size_t i = 0; i < merged.time.size(); ++i) {
+        if (i % 4 != 0) merged.axes[0].command[i] = merged.axes[0].actual[i] = std::nan("");
+      }
+      EXPECT_THAT(mend_positions(merged), IsEmpty());
+    }
     // Held it would be 2 mm off, on straight lines 3 um.
     EXPECT_LT(most, 1e-6);
   }
