@@ -97,7 +97,7 @@ class CanAlone : public CorrectedDrive {
   /// Armed, the path is followed better by the drive, and the daemon says by how much.
   void expect_gain(double before) {
     ASSERT_EQ(arm(*daemon_).status, 200) << daemon_->said();
-    constexpr int kMostRuns = 12;  // a run that a busy host held up is given up
+    constexpr int kMostRuns = 24;  // a run that a busy host held up is given up
     constexpr double kMostLeft = 0.1;
     double after = before;
     for (int runs = 0; runs < kMostRuns && after > kMostLeft * before; ++runs) after = run();

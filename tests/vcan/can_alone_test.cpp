@@ -5,12 +5,12 @@
 namespace servotwin {
 namespace {
 
-using test::CanAlone;
-
 constexpr const char* kSource = "[source.can]\nmap = \"map.toml\"\ninterfaces = [\"vcan0\"]";
 constexpr double kCycle_s = 0.01;
 
-TEST_F(CanAlone, WhatRepeatsIsRecognisedLearnedAndFollowedBetter) {
+class LongCanAlone : public test::CanAlone {};
+
+TEST_F(LongCanAlone, WhatRepeatsIsRecognisedLearnedAndFollowedBetter) {
   recognise(std::make_unique<SocketCan>("vcan0"), kSource, kCycle_s);
 }
 
