@@ -42,7 +42,7 @@ std::optional<std::string> leave_out_run_in(AxisRecord& axis, const std::vector<
     return std::nullopt;
   std::size_t arrived = first_later;
   while (arrived > 0 && off(arrived - 1) <= kArrived * largest) --arrived;
-  // Where it has not arrived by then, the first error later is no smaller.
+  // It has not arrived within the rows that may be left out: then this is its motion.
   if (arrived == first_later || !std::isfinite(time[rows[arrived]])) return std::nullopt;
   for (std::size_t k = 0; k < arrived; ++k) axis.actual[rows[k]] = kAbsent;
   return "the axis begins " + values::size_text(away, axis.rotary) +

@@ -10,7 +10,7 @@
 namespace servotwin {
 
 /// Puts a cubic through the values that are refreshed every `period` rows (Catmull and Rom 1974)
-/// in place of what is held or missing between them. What rests, and gaps that are longer, stay.
+/// in place of what is held or missing between them. A rest stays a rest, and a longer gap a gap.
 void interpolate_refreshed(std::vector<double>& command, double period);
 
 /// The period [rows] of a command of which only every so many rows have a value; 0: of another one.
