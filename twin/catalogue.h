@@ -23,6 +23,7 @@
 #include "twin/effects/cogging.h"
 #include "twin/effects/compliance.h"
 #include "twin/effects/constant_force.h"
+#include "twin/effects/control_filter.h"
 #include "twin/effects/coulomb_friction.h"
 #include "twin/effects/cross_coupling.h"
 #include "twin/effects/cutting_force.h"
@@ -81,7 +82,7 @@ using Catalogue =
                UnexplainedOverPosition, UnexplainedOverVelocity, UnexplainedOverAcceleration,
                TwoMassMotorEncoder, TwoMassLoadEncoder, TwoMassOutside,  //
                PlayMotorEncoder, PlayLoadEncoder, PlayOutside,           //
-               SwingingLoad>;
+               SwingingLoad, ControlFilter>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model
@@ -185,6 +186,11 @@ inline constexpr std::size_t kMaxFrictions = 1 + kBesideTheLaw.size();
 constexpr bool is_friction(std::size_t kind) {
   return is_friction_law(kind) ||
          std::find(kBesideTheLaw.begin(), kBesideTheLaw.end(), kind) != kBesideTheLaw.end();
+}
+
+/// Whether the effect is two poles beside those of the loop, fed by the command and by friction.
+constexpr bool adds_poles(std::size_t kind) {
+  return kind == kind_of<Compliance>() || kind == kind_of<ControlFilter>();
 }
 
 /// Whether the effect makes the axis one of two masses (twin/two_mass_axis.h).

@@ -33,8 +33,8 @@ std::string outside(std::string_view effect, const Parameter& given, double valu
   const Parameter parameter = stretched(given, length_scale);
   if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
   // Its unit is that of the model file: a model does not tell whether it is rotary.
-  return say("effects[", effect, "].", parameter.name, " = ", value, " is outside ",
-             parameter.lower, " .. ", parameter.upper);
+  return say(parameter.name, " of ", effect, " = ", value, " is outside ", parameter.lower, " .. ",
+             parameter.upper);
 }
 
 }  // namespace
@@ -126,15 +126,15 @@ std::string why_invalid(const Model& model, double length_scale) {
       return say("effects: more than ", kMaxFrictions, " of friction beside ", id,
                  ", which acts on two masses");
     if (!loop.modes.empty())
-      return say("loop.modes: ", loop.modes.size(), " beside effects[", id,
-                 "]: the two masses are the mode; the loop must be the rigid axis'");
+      return say("loop.modes: ", loop.modes.size(), " beside ", id,
+                 ": the two masses are the mode; the loop must be the rigid axis'");
     if (!stable(loop, two_mass_parameters(*axis)))
-      return say("effects[", id, "]: the loop is unstable with this spring");
+      return say(id, ": the loop is unstable with this spring");
   }
   // A thousandth of a cycle for the rounding of the quotient.
   const double cycles = model.command_delay_s() / model.sample_time_s;
   if (cycles > kMaxDelayCycles + 1e-3) {
-    return say("effects[time_delay].delay_s = ", model.command_delay_s(), " s is ", cycles,
+    return say("delay_s of time_delay = ", model.command_delay_s(), " s is ", cycles,
                " cycles of sample_time_s = ", model.sample_time_s, " s, more than ",
                kMaxDelayCycles, "; take a sample time of at least ",
                model.command_delay_s() / kMaxDelayCycles, " s");

@@ -9,6 +9,7 @@
 #include "twin/difference.h"
 #include "twin/linear_algebra.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
@@ -76,6 +77,10 @@ void run(const TwinOf<S>& model, const Segment& segment, Eigen::Index count, con
   twin.start(input.position(0), free_response, segment.start_s);
   keep(Eigen::Index{0}, S(segment.command(0) - twin.position()));
   CommandPieceOf<S> piece;
+  if (!free_response.empty() && count > 1) {
+    input.set(piece, segment, 1);
+    twin.start_filters(piece.velocity, piece.acceleration);
+  }
   for (Eigen::Index k = 1; k < count; ++k) {
     input.set(piece, segment, k);
     keep(k, S(twin.step(piece) + (segment.command(k) - piece.end_position)));
@@ -240,6 +245,11 @@ double starting_state_s(const Model& model) {
   if (const Effect* two_mass = two_mass_of(model)) {
     const TwoMassParameters load = two_mass_parameters(*two_mass);
     slowest = std::min(slowest, load.zeta * load.omega);
+  }
+  if (const Effect* filter = model.find(kind_of<ControlFilter>())) {
+    const double zeta = filter->shape[1];
+    const double slower = zeta > 1.0 ? zeta - std::sqrt(zeta * zeta - 1.0) : zeta;
+    slowest = std::min(slowest, kTwoPi * filter->shape[0] * slower);
   }
   return std::clamp(3.0 / slowest, 20.0 * model.sample_time_s, 0.25);
 }

@@ -239,6 +239,20 @@ void TwinOf<S>::start(const S& position, std::span<const S> free_response, doubl
 }
 
 template <class S>
+void TwinOf<S>::start_filters(const S& velocity, const S& acceleration) noexcept {
+  if constexpr (is_dual<S>) leader_.start_filters(velocity.value, acceleration.value);
+  MotionOf<S> motion;
+  motion.velocity = velocity;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
+    constexpr std::size_t kFilter = kind_of<ControlFilter>();
+    if (effects_[i].kind != kFilter) continue;
+    std::get<kFilter>(memory_[i])
+        .settle(effects_[i].shape.data(), acceleration, motion.direction());
+    trial_[i] = memory_[i];
+  }
+}
+
+template <class S>
 void TwinOf<S>::copy_memories(const Memories& from, Memories& to, Body body) const noexcept {
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
     if (bodies_[i] == body) copy_memory<S>(effects_[i].kind, from[i], to[i]);

@@ -109,6 +109,9 @@ class TwinOf {
   /// axis of two masses its states.
   void start(const S& position, std::span<const S> free_response, double time_s = 0.0) noexcept;
 
+  /// After a start within a motion: filters of the control as if this motion had lasted.
+  void start_filters(const S& velocity, const S& acceleration) noexcept;
+
   /// One cycle with the cubic of the command given. Returns the tracking error at its end [m |
   /// rad].
   S step(const CommandPieceOf<S>& piece) noexcept;

@@ -249,9 +249,36 @@ TEST(Twin, FollowsTheLongestDelay) {
 
   model.sample_time_s = 0.9e-4;
   const std::string why = why_invalid(model);
-  for (const char* part : {"effects[time_delay].delay_s = 0.05 s", "sample_time_s = 9e-05 s",
+  for (const char* part : {"delay_s of time_delay = 0.05 s", "sample_time_s = 9e-05 s",
                            "more than 500", "at least 0.0001 s"})
     EXPECT_NE(why.find(part), std::string::npos) << why;
+}
+
+// A segment that begins within a motion: a filter of the control begins as if that had lasted, and
+// is not a step. The encoder is that of the same model from rest.
+TEST(Twin, AFilterOfTheControlBeginsWithinAMotion) {
+  const double h = 1e-3;
+  Model model = integrating_drive(h);
+  Effect friction = make_effect<CoulombFriction>(), filter = make_effect<ControlFilter>();
+  friction.coefficient[0] = 0.05;
+  filter.shape = {12.0, 1.0};
+  filter.coefficient = {-60.0, -30.0, 0.05, 0.02};
+  model.effects = {friction, filter};
+  ASSERT_EQ(why_invalid(model), "");
+  Segment whole =
+      commanded(h, 4.0, [](double t) { return 0.02 * (1.0 - std::cos(kTwoPi * 0.4 * t)); });
+  const Eigen::ArrayXd error = simulate(model, whole);
+  whole.actual = whole.command - error;
+  for (const Eigen::Index from : {700, 1500, 2900}) {
+    Segment part = whole;
+    const Eigen::Index n = whole.size() - from;
+    part.command = whole.command.tail(n);
+    part.actual = whole.actual.tail(n);
+    part.start_s = h * static_cast<double>(from);
+    const Eigen::Index used = starting_state_samples(model, part);
+    const Eigen::ArrayXd left = simulate(model, part) - error.tail(n);
+    EXPECT_LT(left.tail(n - used).abs().maxCoeff(), 2e-3 * error.abs().maxCoeff()) << from;
+  }
 }
 
 TEST(Twin, LooksAheadWithoutMoving) {
@@ -297,7 +324,7 @@ TEST(Twin, RefusesAModelByTheNameOfTheField) {
   unstable.loop.denominator[0] = -1.0;
   EXPECT_NE(why(unstable).find("loop.denominator"), std::string::npos);
   Model negative = plain_drive(1e-3, -0.1);
-  EXPECT_NE(why(negative).find("coulomb = -0.1"), std::string::npos);
+  EXPECT_NE(why(negative).find("coulomb of coulomb_friction = -0.1"), std::string::npos);
   Model no_time = plain_drive(0.0);
   EXPECT_NE(why(no_time).find("sample_time_s"), std::string::npos);
   Model infinite = plain_drive(1e-3);

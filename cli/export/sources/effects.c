@@ -68,6 +68,8 @@ static const EffectKind kEffects[] = {
     {"cogging", kActsAsForce, kOnMotor, 1, 4, 0, NULL, servotwin_cogging, NULL},
     {"swinging_load", kActsAsForce, kOnLoad, 0, 2, 0, NULL, servotwin_swinging_load, NULL},
     {"compliance", kActsAsForce, kOnMotor, 2, 4, MEMORY(mode), NULL, servotwin_compliance, NULL},
+    {"control_filter", kActsAsForce, kOnMotor, 2, 4, MEMORY(filter), NULL, servotwin_control_filter,
+     NULL},
     {"cross_coupling", kActsAsForce, kOnLoad, 2, 3, MEMORY(other), NULL, servotwin_cross_coupling,
      NULL},
     {"cutting_force", kActsAsForce, kOnLoad, 1, 3, 0, NULL, servotwin_cutting_force, NULL},

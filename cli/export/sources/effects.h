@@ -56,7 +56,11 @@ typedef union {
   } gap; /* backlash, backlash_behind_encoder */
   struct {
     Swing by_command, by_friction;
-  } mode;      /* compliance */
+  } mode; /* compliance */
+  struct {
+    Swing by_command, by_friction;
+    double acceleration, direction;
+  } filter;    /* control_filter */
   Swing other; /* cross_coupling */
   struct {
     double age_s, extra;
@@ -127,6 +131,7 @@ void servotwin_feedforward_mismatch(const double*, EffectMemory*, const Motion*,
 void servotwin_cogging(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_swinging_load(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_compliance(const double*, EffectMemory*, const Motion*, double*);
+void servotwin_control_filter(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cross_coupling(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cutting_force(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_encoder_error(const double*, EffectMemory*, const Motion*, double*);

@@ -84,6 +84,21 @@ void servotwin_compliance(const double* shape, EffectMemory* memory, const Motio
   force[3] = memory->mode.by_friction.rate / mode.w;
 }
 
+void servotwin_control_filter(const double* shape, EffectMemory* memory, const Motion* m,
+                              double* force) {
+  const SwingStep poles = swing_step(shape[0], shape[1], m->step_s);
+  const double acceleration = m->command_acceleration, direction = servotwin_direction(m);
+  advance(&poles, &memory->filter.by_command,
+          -0.5 * (memory->filter.acceleration + acceleration) / (poles.w * poles.w));
+  advance(&poles, &memory->filter.by_friction, -0.5 * (memory->filter.direction + direction));
+  memory->filter.acceleration = acceleration;
+  memory->filter.direction = direction;
+  force[0] = poles.w * memory->filter.by_command.q;
+  force[1] = memory->filter.by_command.rate;
+  force[2] = memory->filter.by_friction.q + direction;
+  force[3] = memory->filter.by_friction.rate / poles.w;
+}
+
 void servotwin_cross_coupling(const double* shape, EffectMemory* memory, const Motion* m,
                               double* force) {
   const SwingStep loop = swing_step(shape[0], shape[1], m->step_s);

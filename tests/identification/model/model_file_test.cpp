@@ -139,7 +139,7 @@ TEST(ModelFile, RefusalsNameTheField) {
   refused("/effects", 1, {"effects", "list"});
   refused("/effects/0/id", "phlogiston", {"effects[0].id", "phlogiston"});
   refused("/effects/0/parameters/velocity_limit/value", 7.0,
-          {"effects[coulomb_friction].velocity_limit", "7", "outside"});
+          {"velocity_limit of coulomb_friction", "7", "outside"});
   refused("/effects/0/parameters/colour", json::object(), {"effects[0].parameters.colour"});
   refused("/effects/0/parameters/coulomb/unit", "mm/s^2",
           {"effects[0].parameters.coulomb.unit", "mm/s^2", "m/s^2"});
