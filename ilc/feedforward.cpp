@@ -14,7 +14,9 @@ namespace {
 
 /// Those parts of an effect that transfer_of takes into T are not forces here.
 bool in_transfer(const Effect& effect, const Parameter& coefficient) {
-  return effect.kind == kind_of<FeedforwardMismatch>() || effect.kind == kind_of<Compliance>() ||
+  return effect.kind == kind_of<FeedforwardMismatch>() ||
+         (adds_poles(effect.kind) &&
+          (coefficient.name == "spring" || coefficient.name == "damper")) ||
          (!coefficient.with_free_loop && coefficient.name == kViscous.name);
 }
 
@@ -24,13 +26,12 @@ Model linear_part(const Model& model) {
   const Transfer linear = transfer_of(model);
   out.loop = linear.loop;
   std::erase_if(out.effects, [&](const Effect& effect) {
-    return identity_of(effect.kind).acts != Acts::kCommandDelay &&
-           effect.kind != kind_of<Compliance>() && !acts_on_axis(effect.kind) &&
-           !(linear.two_masses && is_friction_law(effect.kind));
+    return identity_of(effect.kind).acts != Acts::kCommandDelay && !adds_poles(effect.kind) &&
+           !acts_on_axis(effect.kind) && !(linear.two_masses && is_friction_law(effect.kind));
   });
   for (Effect& effect : out.effects) {
     if (acts_on_axis(effect.kind)) effect = without_play(effect);
-    if (!is_friction_law(effect.kind)) continue;
+    if (!is_friction_law(effect.kind) && !adds_poles(effect.kind)) continue;
     std::size_t k = 0;
     for (const Parameter& p : coefficients_of(effect.kind)) {
       if (!in_transfer(effect, p)) effect.coefficient[k] = 0.0;

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "twin/hold.h"
 #include "twin/state_space.h"
@@ -116,7 +117,7 @@ Transfer transfer_of(const Model& model) {
       out.loop.numerator[1] -= effect.coefficient[0];
       out.loop.numerator[0] -= effect.coefficient[1];
     }
-    if (effect.kind == kind_of<Compliance>())
+    if (adds_poles(effect.kind))
       out.tables.push_back({2.0 * std::numbers::pi * effect.shape[0], effect.shape[1],
                             effect.coefficient[0], effect.coefficient[1]});
   }
@@ -143,6 +144,48 @@ Eigen::ArrayXd two_mass_impulse(const Transfer& transfer, double h, Eigen::Index
   return out;
 }
 
+using Polynomial = std::vector<double>;  // the coefficient of s^0 first
+
+Polynomial product(const Polynomial& a, const Polynomial& b) {
+  Polynomial out(a.size() + b.size() - 1, 0.0);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t k = 0; k < b.size(); ++k) out[i + k] += a[i] * b[k];
+  }
+  return out;
+}
+
+/// x / x_r without delay and modes of the loop; both polynomials have the same length.
+struct Rational {
+  Polynomial over, under;
+};
+Rational without_modes(const Transfer& transfer) {
+  const Loop& loop = transfer.loop;
+  Polynomial under(static_cast<std::size_t>(loop.order) + 1, 1.0), over(under.size());
+  for (std::size_t i = 0; i < under.size(); ++i) {
+    const std::size_t power = under.size() - 2 - i;  // a_(power + 1) stands at s^i
+    if (i + 1 < under.size()) under[i] = loop.denominator[power];
+    const double c = i == 0 ? 0.0 : loop.numerator[power + 1];
+    over[i] = under[i] - c;
+  }
+  const double share = disturbance_share(loop.denominator, loop.modes);
+  for (const Transfer::Table& table : transfer.tables) {
+    const Polynomial poles{table.omega * table.omega, 2.0 * table.zeta * table.omega, 1.0};
+    // The force -(spring omega + damper s) s^2 / poles behind (s | 1) / P, of the axis and not of
+    // its error; `under` has P and the poles of the tables before.
+    Polynomial others{1.0};
+    for (const Transfer::Table* before = transfer.tables.data(); before != &table; ++before)
+      others =
+          product(others, {before->omega * before->omega, 2.0 * before->zeta * before->omega, 1.0});
+    Polynomial force{0.0, 0.0, share * table.spring * table.omega, share * table.damper};
+    if (loop.order == 3) force.insert(force.begin(), 0.0);
+    force = product(force, others);
+    over = product(over, poles);
+    under = product(under, poles);
+    for (std::size_t i = 0; i < force.size(); ++i) over[i] += force[i];
+  }
+  return {over, under};
+}
+
 /// `out` later by this many samples.
 Eigen::ArrayXd delayed(const Eigen::ArrayXd& out, double shift) {
   const auto whole = static_cast<Eigen::Index>(shift);
@@ -161,19 +204,24 @@ Eigen::ArrayXd impulse_response(const Transfer& transfer, double h, Eigen::Index
   const double shift = std::max(0.0, transfer.delay_s) / h;
   if (transfer.two_masses) return delayed(two_mass_impulse(transfer, h, samples), shift);
   const Loop& loop = transfer.loop;
-  const auto n = static_cast<Eigen::Index>(loop.order);
+  const Rational whole = without_modes(transfer);
+  const auto n = static_cast<Eigen::Index>(whole.under.size()) - 1;
+  // x = sum of b_k times the derivatives of y = x_r / under; the k-th derivative is stored over
+  // rate^k, so that numbers of one size stand in the matrix.
+  const double rate = std::pow(whole.under.front(), 1.0 / static_cast<double>(n)),
+               direct = whole.over.back();
   Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
-  for (Eigen::Index i = 0; i + 1 < n; ++i) companion(i, i + 1) = 1.0;
-  // x = sum of b_k times the derivatives of y = x_r / P; of the highest, y^(n) = x_r - sum a_k ..
   Eigen::VectorXd output(n);
-  const double direct = 1.0 - loop.numerator[0];
+  double scale = 1.0;
   for (Eigen::Index i = 0; i < n; ++i) {
-    const auto power = static_cast<std::size_t>(n - 1 - i);  // a_(power + 1) stands at s^i
-    companion(n - 1, i) = -loop.denominator[power];
-    const double c = i == 0 ? 0.0 : loop.numerator[power + 1];
-    output(i) = loop.denominator[power] - c - direct * loop.denominator[power];
+    const double under = whole.under[static_cast<std::size_t>(i)];
+    if (i + 1 < n) companion(i, i + 1) = rate;
+    companion(n - 1, i) -= under * scale / std::pow(rate, n - 1);
+    output(i) = (whole.over[static_cast<std::size_t>(i)] - direct * under) * scale;
+    scale *= rate;
   }
-  const Hold hold = discretise(companion, Eigen::VectorXd::Unit(n, n - 1), h, 1);
+  const Hold hold =
+      discretise(companion, Eigen::VectorXd::Unit(n, n - 1) / std::pow(rate, n - 1), h, 1);
   const Eigen::VectorXd g_end = hold.g.col(1) / h, g_begin = hold.g.col(0) - g_end;
 
   // Of a mode the error has alpha at once and the rest through its two states.

@@ -208,6 +208,95 @@ TEST(Transfer, IsWhatTheTwinDoes) {
   }
 }
 
+// A filter of the control follows the mean over a cycle: the same at any sampling time.
+TEST(Transfer, OfAFilterOfTheControlIsWhatTheTwinDoes) {
+  Model model = study::plant();
+  model.effects.clear();
+  Effect filter = make_effect<ControlFilter>();
+  filter.coefficient = {-90.0, -45.0};
+  for (const double damping : {0.3, 1.0, 2.0}) {
+    filter.shape = {12.0, damping};
+    model.effects = {filter};
+    const Transfer transfer = transfer_of(model);
+    for (const double h : {1e-3, 4e-3}) {
+      model.sample_time_s = h;
+      for (const double f : {2.0, 5.0, 10.0}) {
+        const double omega = 2.0 * std::numbers::pi * f;
+        Segment segment;
+        segment.sample_time_s = h;
+        const auto n = static_cast<Eigen::Index>(std::lround(6.0 / h));
+        const Eigen::ArrayXd t = h * Eigen::ArrayXd::LinSpaced(n, 0.0, static_cast<double>(n - 1));
+        segment.command = 1e-4 * (omega * t).sin();
+        const Eigen::ArrayXd x = segment.command - simulate(model, segment);
+        std::complex<double> in = 0.0, out = 0.0;
+        for (Eigen::Index k = n - static_cast<Eigen::Index>(std::lround(1.0 / h)); k < n; ++k) {
+          const std::complex<double> turn = std::polar(1.0, -omega * t(k));
+          in += segment.command(k) * turn;
+          out += x(k) * turn;
+        }
+        EXPECT_LT(std::abs(out / in - transfer.at(omega)), 2e-3)
+            << damping << ", " << h << ", " << f;
+      }
+    }
+  }
+}
+
+// The impulse response and the frequency response are of one T. The impulse is a triangle two
+// samples wide, whose spectrum is the square of sin(w h / 2) / (w h / 2).
+TEST(Transfer, TheImpulseResponseHasTheFilterOfTheControl) {
+  for (const int order : {2, 3}) {
+    Model model = study::plant();
+    if (order == 2) {
+      model.loop.order = 2;
+      model.loop.denominator = {92.1, 14412.0, 0.0};
+      model.loop.numerator = {1.0, 92.1, 0.0};
+    }
+    Effect filter = make_effect<ControlFilter>(), table = make_effect<Compliance>();
+    filter.shape = {12.0, 1.0};
+    filter.coefficient = {-90.0, -45.0};
+    table.shape = {45.0, 0.05};
+    table.coefficient = {40.0, 3.0};
+    model.effects = {filter, table};
+    const Transfer transfer = transfer_of(model);
+    const Eigen::ArrayXd impulse = impulse_response(transfer, kStep_s, 4000);
+    for (const double f : {1.0, 5.0, 10.0, 20.0, 45.0}) {
+      const double omega = 2.0 * std::numbers::pi * f, half = 0.5 * omega * kStep_s;
+      std::complex<double> sum = 0.0;
+      for (Eigen::Index k = 0; k < impulse.size(); ++k)
+        sum += impulse(k) * std::polar(1.0, -omega * kStep_s * static_cast<double>(k));
+      const double triangle = std::pow(std::sin(half) / half, 2);
+      EXPECT_LT(std::abs(sum - triangle * transfer.at(omega)), 2e-4) << order << ", " << f;
+    }
+  }
+}
+
+// At a reversal a filter of the control adds to friction what its two poles (both at w, damping 1)
+// still hold: ringing 2 (1 + w t) exp(-w t).
+TEST(CommandedEffects, HaveWhatAFilterOfTheControlAddsToFriction) {
+  constexpr double kCoulomb = 0.3, kRinging = 0.5, kHz = 12.0, kSpeed = 0.05;
+  Model model = study::plant();
+  Effect friction = make_effect<CoulombFriction>(), filter = make_effect<ControlFilter>();
+  friction.coefficient[0] = kCoulomb;
+  filter.shape = {kHz, 1.0};
+  filter.coefficient = {-90.0, -45.0, kRinging, 0.0};
+  model.effects = {friction, filter};
+  model.sample_time_s = 1e-3;
+  Segment segment;
+  segment.sample_time_s = 1e-3;
+  const Eigen::Index turn = 1000;
+  segment.command.resize(2 * turn);
+  for (Eigen::Index k = 0; k < segment.size(); ++k)
+    segment.command(k) = kSpeed * 1e-3 * static_cast<double>(std::min(k, 2 * turn - k));
+  const Eigen::ArrayXd force = commanded_effects(model, segment).force;
+  const double w = 2.0 * std::numbers::pi * kHz;
+  for (const Eigen::Index after : {10, 20, 40, 80}) {
+    const double t = 1e-3 * static_cast<double>(after);
+    EXPECT_NEAR(force(turn + after), -kCoulomb - kRinging * 2.0 * (1.0 + w * t) * std::exp(-w * t),
+                0.02)
+        << after;
+  }
+}
+
 // The first column of the lifted T, of the reference.
 TEST(Transfer, TheImpulseResponseIsTheReferences) {
   const Eigen::ArrayXd impulse = impulse_response(transfer_of(study::plant()), kStep_s, 10);
