@@ -111,10 +111,11 @@ void say_result(std::FILE* people, const Identified& identified,
       ++hidden;
       continue;
     }
-    const std::string error =
-        std::isfinite(trial.validation_rms)
-            ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
-            : "   no fit";
+    constexpr double kWidest = 1e6;  // of the column; an unstable structure leaves far more
+    const double shown = 1e6 * trial.validation_rms;
+    const std::string error = std::isfinite(shown) ? text(shown < kWidest ? "%9.3f %s" : "%9.2g %s",
+                                                          shown, micro(record.rotary))
+                                                   : "   no fit";
     say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
                     structure_text(trial.order, trial.effects, trial.modes, trial.moving) +
                     (trial.ruled_out.empty() ? ""

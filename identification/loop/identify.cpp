@@ -371,7 +371,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         {structure.order, structure.effects, kAbsent, true, structure.modes, "", structure.moving});
   } else {
     ChosenStructure chosen =
-        chosen_structure(axis.axis, training, options, encoder_step, out.trials);
+        chosen_structure(axis.axis, axis.rotary, training, options, encoder_step, out.trials);
     structure = std::move(chosen.structure);
     search.from = std::move(chosen.from);
     moving = std::move(chosen.moving);

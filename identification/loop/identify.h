@@ -40,6 +40,10 @@ struct IdentifyOptions {
   /// predict the last third of the training data clearly better than a rigid axis. Joint only,
   /// without modes.
   Masses masses = Masses::kRigid;
+  /// Try also what belongs to an axis beyond loop, friction and a constant force: a load that
+  /// swings with a rotary axis; where much is left, a filter of the control (joint only, without
+  /// modes, another axis and two masses). The diagnosis seeks both itself.
+  bool beyond_loop = true;
   bool coupling = false;  ///< identify the force that another axis causes on this one; not full LS
   /// An earlier model of this axis: its structure is kept, and steps 2 to 4 of
   /// identification/loop/joint.h start from its loop. Not for full LS.

@@ -28,6 +28,10 @@ constexpr double kMaxRmsRatioForMode = 0.9;
 // The same for modes that change with position and for friction with free elements, which have more
 // parameters still.
 constexpr double kMaxRmsRatioForRichModel = 0.85;
+// The same for a filter of the control, with six parameters. A swinging load, whose force two poles
+// cannot be, was followed to 0.3 with the damping at its bound, EMPS to 0.94.
+constexpr double kMaxRmsRatioForFilter = 0.7;
+constexpr double kMaxFrequencyOfRate = 0.3;  // of a start: faster poles are not seen in the samples
 // A friction law with free elements, and the loop of the other order, are tried only if the
 // residual RMS exceeds this multiple of the noise floor.
 constexpr double kMinRmsOverFloorToGoOn = 2.0;
@@ -113,7 +117,7 @@ std::string why_no_delay(const Model& model, double delay_max_s, const Trial& tr
   return {};
 }
 
-std::vector<Structure> structures(const IdentifyOptions& options) {
+std::vector<Structure> structures(const IdentifyOptions& options, bool rotary) {
   const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(),
                     delay = kind_of<TimeDelay>();
   std::vector<Structure> out;
@@ -122,6 +126,8 @@ std::vector<Structure> structures(const IdentifyOptions& options) {
     // With an integrator a constant force causes no steady tracking error.
     out.push_back({order, {friction}, false});
     if (order == 2) out.push_back({order, {friction, constant}, false});
+    if (rotary && options.beyond_loop)
+      out.push_back({order, {friction, kind_of<SwingingLoad>()}, false});
     if (options.delay_max_s > 0.0) {
       out.push_back({order, {friction, delay}, true});
       if (order == 2) out.push_back({order, {friction, constant, delay}, true});
@@ -169,6 +175,18 @@ struct Moved {
   double validation = kAbsent;
 };
 
+/// The law of friction in it; Coulomb friction where it has none.
+std::size_t law_of(const Structure& structure) {
+  const auto at = std::find_if(structure.effects.begin(), structure.effects.end(), is_friction_law);
+  return at == structure.effects.end() ? kind_of<CoulombFriction>() : *at;
+}
+
+/// Laws with a level per direction contain the constant force. Whether it was taken out.
+bool without_constant_force(Structure& structure, std::size_t law) {
+  const bool both = law == kind_of<Stribeck>() || law == kind_of<ModifiedStribeck>();
+  return both && std::erase(structure.effects, kind_of<ConstantForce>()) > 0;
+}
+
 Structure moving_of(Structure structure) {
   structure.moving = true;
   return structure;
@@ -212,10 +230,14 @@ Point with_free_elements(Point point, const Structure& structure, std::size_t pl
 
 class StructureChoice {
  public:
-  StructureChoice(const std::string& name, const std::vector<Segment>& training,
+  StructureChoice(const std::string& name, bool rotary, const std::vector<Segment>& training,
                   const IdentifyOptions& options, double encoder_step,
                   std::vector<StructureTrial>& tried)
-      : name_(name), options_(options), encoder_step_(encoder_step), tried_(tried) {
+      : name_(name),
+        rotary_(rotary),
+        options_(options),
+        encoder_step_(encoder_step),
+        tried_(tried) {
     std::tie(fitted_, validated_) = split(training, 2.0 / 3.0, options.split_each);
     const auto moves = [](const Segment& s) { return (s.command != s.command(0)).any(); };
     if (std::none_of(fitted_.begin(), fitted_.end(), moves))
@@ -242,7 +264,7 @@ class StructureChoice {
   /// Order, constant force and delay, with Coulomb friction.
   void choose_loop() {
     std::vector<Trial> trials;
-    for (const Structure& structure : structures(options_)) {
+    for (const Structure& structure : structures(options_, rotary_)) {
       Trial trial;
       trial.structure = structure;
       const Projection data = projection_of(fitted_, structure);
@@ -317,6 +339,47 @@ class StructureChoice {
                                        "model"));
   }
 
+  /// Where much is left: a filter of the control, with the laws of friction compared beside it.
+  void choose_filter() {
+    if (!joint() || !options_.beyond_loop || options_.modes > 0 || options_.coupling ||
+        options_.masses != Masses::kRigid || !(least_ > kMinRmsOverFloorToGoOn * noise_))
+      return;
+    Structure filtered = simple_;
+    filtered.effects.push_back(kind_of<ControlFilter>());
+    const std::optional<Point> begun = start_of_filter(filtered);
+    if (!begun) return;
+    std::vector<std::size_t> laws =
+        options_.friction ? std::vector{*options_.friction} : compared_frictions();
+    // Beside Coulomb friction and the law that was chosen; the others only where a filter is seen.
+    const auto first = std::stable_partition(
+        laws.begin(), laws.end(), [chosen = law_of(out_.structure)](std::size_t law) {
+          return law == chosen || law == kind_of<CoulombFriction>();
+        });
+    bool accepted = false;
+    for (auto at = laws.begin(); at != laws.end(); ++at) {
+      const std::size_t law = *at;
+      if (at >= first && !(accepted && least_ > kMinRmsOverFloorToGoOn * noise_)) return;
+      Structure richer = filtered;
+      richer.effects[place_] = law;
+      (void)without_constant_force(richer, law);
+      StructureTrial trial{richer.order, richer.effects, kAbsent, false, 0, kNoFit};
+      // In free simulation: along the measured motion the noise of the encoder at rest is motion.
+      const auto fit = joint_fit(fitted_, richer, search_, encoder_step_, true, &*begun);
+      if (fit) trial.ruled_out = why_invalid(fit->model);
+      if (trial.ruled_out.empty() &&
+          !ControlFilter::is_one(fit->model.find(kind_of<ControlFilter>())->shape.data()))
+        trial.ruled_out = "its filter is none: frequency or damping ratio at a bound";
+      if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated_).rms;
+      if (trial.validation_rms <
+          (accepted ? kMaxRmsRatioToAccept : kMaxRmsRatioForFilter) * least_) {
+        take(trial.validation_rms, richer);
+        out_.from = {point_of(fit->model)};
+        accepted = true;
+      }
+      tried_.push_back(trial);
+    }
+  }
+
   [[nodiscard]] ChosenStructure chosen() {
     for (std::size_t i = 0; best_ && i < tried_.size(); ++i) tried_[i].chosen = i == *best_;
     return std::move(out_);
@@ -364,9 +427,7 @@ class StructureChoice {
     Structure richer = simple_;
     richer.modes = modes;
     richer.effects[place_] = kind;
-    // Laws with a level per direction contain the constant force.
-    const bool both = kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>();
-    const bool same = !both || std::erase(richer.effects, kind_of<ConstantForce>()) == 0;
+    const bool same = !without_constant_force(richer, kind);
     if (coupled) richer.effects.push_back(kind_of<CrossCoupling>());
     StructureTrial trial{richer.order, richer.effects, kAbsent, false, modes, kNoFit};
     // At rest a vibrating encoder reverses more often than it is sampled: friction along the
@@ -435,6 +496,23 @@ class StructureChoice {
     }
   }
 
+  /// The loop with Coulomb friction and a filter, from a grid of its two poles.
+  [[nodiscard]] std::optional<Point> start_of_filter(const Structure& filtered) const {
+    const auto rigid = pole_search(projection_of(fitted_, simple_), search_);
+    if (!rigid) return std::nullopt;
+    PoleSearchOptions near = search_;
+    for (const double hz : {2.0, 5.0, 12.0, 30.0, 80.0, 200.0}) {
+      if (!(hz < kMaxFrequencyOfRate / fitted_.front().sample_time_s)) break;
+      for (const double damping : {0.5, 1.0}) {
+        near.from.push_back(rigid->point);
+        near.from.back().shapes.insert(near.from.back().shapes.end(), {hz, damping});
+      }
+    }
+    const auto found = pole_search(projection_of(fitted_, filtered), near);
+    if (!found) return std::nullopt;
+    return found->point;
+  }
+
   /// If a large residual remains with modes or another axis, the friction law may be wrong: tries a
   /// law with a free virgin curve, from the result of the chosen one.
   void try_free_elements() {
@@ -460,6 +538,7 @@ class StructureChoice {
   }
 
   const std::string& name_;
+  bool rotary_;
   const IdentifyOptions& options_;
   double encoder_step_, noise_ = 0.0;
   std::vector<StructureTrial>& tried_;
@@ -516,12 +595,14 @@ Model with_modes_moving_as(const Loop& as, Model model) {
   return model;
 }
 
-ChosenStructure chosen_structure(const std::string& name, const std::vector<Segment>& training,
+ChosenStructure chosen_structure(const std::string& name, bool rotary,
+                                 const std::vector<Segment>& training,
                                  const IdentifyOptions& options, double encoder_step,
                                  std::vector<StructureTrial>& tried) {
-  StructureChoice choice(name, training, options, encoder_step, tried);
+  StructureChoice choice(name, rotary, training, options, encoder_step, tried);
   choice.choose_loop();
   choice.choose_friction_and_modes();
+  choice.choose_filter();
   return choice.chosen();
 }
 

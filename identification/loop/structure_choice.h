@@ -21,7 +21,7 @@ struct ChosenStructure {
 
 /// Chooses the structure of the axis `name`; appends every trial to `tried`. Throws
 /// std::runtime_error if no structure fits the motion.
-[[nodiscard]] ChosenStructure chosen_structure(const std::string& name,
+[[nodiscard]] ChosenStructure chosen_structure(const std::string& name, bool rotary,
                                                const std::vector<Segment>& training,
                                                const IdentifyOptions& options, double encoder_step,
                                                std::vector<StructureTrial>& tried);

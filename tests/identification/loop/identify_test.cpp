@@ -308,6 +308,51 @@ Recording real_recording(const std::filesystem::path& file, const char* columns)
 // Real ball-screw axis (EMPS benchmark). Fitted on the first half, validated on the second in free
 // simulation. Published rigid-body parameters with the true control law leave 1.62 um RMS and 10.6
 // um MAX (symmetric friction); identification uses command and encoder only.
+// An arm that turns a weight: its equation, integrated in steps of 20 us, without the twin.
+TEST(Identify, ALoadThatSwingsWithARotaryAxisIsPartOfItsModel) {
+  constexpr double kGain = 900.0, kDamping = 50.0, kWeight = 10.0, kFriction = 0.8,
+                   kRounding = 2e-3, kStep_s = 4e-3, kFine_s = 2e-5, kNoise = 3e-6;
+  SegmentedAxis axis;
+  axis.axis = "J";
+  axis.rotary = true;
+  axis.sample_time_s = kStep_s;
+  Segment s;
+  s.sample_time_s = kStep_s;
+  constexpr Eigen::Index kRows = 5000;
+  s.command.resize(kRows);
+  s.actual.resize(kRows);
+  const auto command = [](double t) {
+    return 1.2 * (1.0 - std::cos(kTwoPi * 0.31 * t)) + 0.3 * std::sin(kTwoPi * 0.83 * t);
+  };
+  std::mt19937_64 random(7);
+  std::normal_distribution<double> noise(0.0, kNoise);
+  double angle = 0.0, speed = 0.0;
+  const auto fine = static_cast<int>(std::lround(kStep_s / kFine_s));
+  for (Eigen::Index k = 0; k < kRows; ++k) {
+    s.command(k) = command(kStep_s * static_cast<double>(k));
+    s.actual(k) = angle + noise(random);
+    for (int i = 0; i < fine; ++i) {
+      const double t = kStep_s * static_cast<double>(k) + kFine_s * i;
+      speed += kFine_s * (kGain * (command(t) - angle) - kDamping * speed -
+                          kWeight * std::sin(angle) - kFriction * std::tanh(speed / kRounding));
+      angle += kFine_s * speed;
+    }
+  }
+  axis.segments = {s};
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  const ModelRecord with = identify(axis, options).record;
+  const Effect* load = with.model.find(kind_of<SwingingLoad>());
+  ASSERT_NE(load, nullptr);
+  EXPECT_NEAR(load->coefficient[0], kWeight, 0.02 * kWeight);
+  options.beyond_loop = false;
+  EXPECT_LT(with.holdout.rms, 0.1 * identify(axis, options).record.holdout.rms);
+  // A linear axis has no load that swings.
+  axis.rotary = false;
+  options.beyond_loop = true;
+  EXPECT_EQ(identify(axis, options).record.model.find(kind_of<SwingingLoad>()), nullptr);
+}
+
 TEST(RealRecording, EmpsIsPredictedBetterThanByThePublishedModel) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   const SegmentedAxis axis =
