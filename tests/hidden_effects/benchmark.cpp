@@ -211,6 +211,8 @@ int run(int argc, char** argv) {
           {"none", Torque::kNone}, {"half", Torque::kHalf}, {"all", Torque::kAll}}));
   app.add_flag("--motor-encoder", options.recorded.motor,
                "recordings of an encoder at the load also contain that of the motor");
+  app.add_flag("--filtered", options.recorded.filtered,
+               "the control of every machine has a filter or a current loop that lags");
   app.add_option("--list", options.list, "file for one line about every case");
   app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);

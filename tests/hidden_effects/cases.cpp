@@ -92,7 +92,7 @@ struct Wish {
   std::vector<std::string> ids;
   Class size = Class::kClear;
   bool blind = false;
-  bool torque = false, motor = false;
+  bool torque = false, motor = false, filtered = false;
 };
 
 /// The motor's encoder as the other one reads; empty where the other one is the motor's.
@@ -121,6 +121,15 @@ void record_torque(Rig& rig, Random random) {
   r.torque_noise = rig.friction.level * random.log_between(2e-3, 5e-2);
 }
 
+/// Beside the loop itself, as every control has it; no fault.
+void filter_control(Drive& drive, double mass, Random random) {
+  const double velocity_loop = drive.velocity_gain / mass;  // [1/s]
+  const bool command = random.chance(0.5), current = !command || random.chance(0.5);
+  const double frequency_hz = random.log_between(8.0, 60.0), lag = random.log_between(0.02, 0.25);
+  if (command) drive.command_filter_hz = frequency_hz;
+  if (current) drive.current_lag = lag / velocity_loop;
+}
+
 Needs needs_of(const Wish& wish) {
   Needs needs;
   for (const std::string& id : wish.ids)
@@ -147,6 +156,8 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
   };
   if (hides("backlash"))
     scene.rig.body.spring_frequency_hz = kContactFrequency, scene.rig.body.damping_ratio = 0.1;
+
+  if (wish.filtered) filter_control(scene.rig.drive, scene.rig.body.mass, Random(seed + 2));
 
   const Trace clean = simulate(scene.rig, scene.command);
   if (clean.runaway) return {};
@@ -236,6 +247,7 @@ Case make_case(Part part, Wish wish, const Recorded& recorded, const std::string
   wish.torque =
       recorded.torque == Torque::kAll || (recorded.torque == Torque::kHalf && seed % 2 == 1);
   wish.motor = recorded.motor;
+  wish.filtered = recorded.filtered;
   Random random(seed);
   for (int i = 0; i < kMaxMachines; ++i) {
     if (std::optional<Case> found = try_machine(part, wish, random, seed)) {

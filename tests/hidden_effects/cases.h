@@ -30,12 +30,14 @@ enum class Class { kClear, kFaint };
 /// is the same.
 enum class Torque { kNone, kHalf, kAll };
 /// What recordings contain beside command and encoder. The motor's encoder, of the same noise and
-/// step, is in those in which the encoder is that of the load.
+/// step, is in those in which the encoder is that of the load. `filtered`: the control of every
+/// machine has a filter of the command or a current loop that lags; all else is the same.
 struct Recorded {
   Recorded(Torque of_which = Torque::kNone, bool and_motor = false)
       : torque(of_which), motor(and_motor) {}
   Torque torque;
   bool motor;
+  bool filtered = false;
 };
 
 inline constexpr double kClearFrom = 5.0;                  // of the noise

@@ -5,12 +5,10 @@
 
 #include "identification/loop/identify.h"
 #include "identification/recording/noise_floor.h"
-#include "tests/hidden_effects/rig.h"
+#include "tests/hidden_effects/brisk_moves.h"
 
 namespace servotwin::hidden_effects {
 namespace {
-
-constexpr virtual_machine::Limits kBrisk{.velocity = 0.2, .acceleration = 2.0, .jerk = 40.0};
 
 /// 300 kg, of which 180 kg lie behind a stiff contact and slide easily: 15 N.
 Rig easy_slide(double gap) {
@@ -29,28 +27,6 @@ Rig easy_slide(double gap) {
   return rig;
 }
 
-SegmentedAxis recorded(const Rig& rig) {
-  virtual_machine::Trajectory path(0.0);
-  for (int i = 0; i < 6; ++i) {
-    path.dwell(0.3);
-    path.move_to(0.02 * (1 + i % 3), kBrisk);
-    path.dwell(0.2);
-    path.move_to(-0.01 * (1 + i % 2), kBrisk);
-  }
-  path.dwell(0.3);
-  const Trace trace = simulate(rig, path);
-  Segment segment;
-  segment.sample_time_s = rig.reading.sample_time;
-  const auto rows = static_cast<Eigen::Index>(trace.command.size());
-  segment.command = Eigen::Map<const Eigen::ArrayXd>(trace.command.data(), rows);
-  segment.actual = Eigen::Map<const Eigen::ArrayXd>(trace.actual.data(), rows);
-  SegmentedAxis axis;
-  axis.axis = "X";
-  axis.sample_time_s = segment.sample_time_s;
-  axis.segments.push_back(segment);
-  return axis;
-}
-
 std::optional<GapFound> found_in(const SegmentedAxis& axis) {
   IdentifyOptions options;
   options.must_predict = false;
@@ -64,7 +40,7 @@ std::optional<GapFound> found_in(const SegmentedAxis& axis) {
 class AGap : public testing::TestWithParam<double> {};
 
 TEST_P(AGap, IsFoundByWhenTheLoadHitsItsOtherSide) {
-  const auto found = found_in(recorded(easy_slide(GetParam())));
+  const auto found = found_in(recorded_brisk_moves(easy_slide(GetParam()), 6));
   ASSERT_TRUE(found);
   // A wider gap with a load that brakes as much more is hit at nearly the same moments: half a step
   // of the grid in both, the square root of 1.25 * 1.6.
@@ -76,7 +52,7 @@ INSTANTIATE_TEST_SUITE_P(Dev, AGap, testing::Values(30e-6, 60e-6, 120e-6));
 TEST(GapScan, FindsNothingToExplainInNoise) {
   Rig rig = easy_slide(0.0);
   rig.body.spring_frequency_hz = 0.0;  // the rigid axis that the model is
-  EXPECT_FALSE(found_in(recorded(rig)));
+  EXPECT_FALSE(found_in(recorded_brisk_moves(rig, 6)));
 }
 
 }  // namespace

@@ -161,6 +161,8 @@ std::string describe(const Rig& rig) {
                                                   : "load outside the loop")
       << " every " << 1e3 * rig.reading.sample_time << " ms, step " << 1e6 * rig.reading.step
       << " um";
+  if (d.command_filter_hz > 0.0) out << ", command filter " << d.command_filter_hz << " Hz";
+  if (d.current_lag > 0.0) out << ", current " << 1e3 * d.current_lag << " ms late";
   return out.str();
 }
 

@@ -49,6 +49,9 @@ void check(const Rig& rig) {
   require(rig.body.gap >= 0.0, "gap", rig.body.gap, "at least 0");
   require(rig.body.gap == 0.0 || rig.body.spring_frequency_hz > 0.0, "gap", rig.body.gap,
           "0 on a rigid axis");
+  require(rig.drive.command_filter_hz >= 0.0, "command_filter_hz", rig.drive.command_filter_hz,
+          "at least 0");
+  require(rig.drive.current_lag >= 0.0, "current_lag", rig.drive.current_lag, "at least 0");
   require(rig.reading.delay >= 0.0, "delay", rig.reading.delay, "at least 0");
 }
 
@@ -218,6 +221,27 @@ class Plant {
   double stiffness_ = 0.0, damping_ = 0.0;
 };
 
+/// Two equal poles; exact, with the command held over a period.
+class CommandFilter {
+ public:
+  CommandFilter(double frequency_hz, double start)
+      : omega_(2.0 * std::numbers::pi * frequency_hz), place_(start) {}
+
+  virtual_machine::Setpoint follow(const virtual_machine::Setpoint& command) {
+    if (omega_ == 0.0) return command;
+    const double faded = std::exp(-omega_ * kPeriod), behind = place_ - command.position;
+    place_ = command.position + faded * (behind * (1.0 + omega_ * kPeriod) + velocity_ * kPeriod);
+    velocity_ = faded * (velocity_ * (1.0 - omega_ * kPeriod) - behind * omega_ * omega_ * kPeriod);
+    virtual_machine::Setpoint out = command;
+    out.position = place_, out.velocity = velocity_;
+    out.acceleration = -2.0 * omega_ * velocity_ - omega_ * omega_ * (place_ - command.position);
+    return out;
+  }
+
+ private:
+  double omega_, place_, velocity_ = 0.0;
+};
+
 class Controller {
  public:
   Controller(const Drive& drive, double motor, double held)
@@ -277,6 +301,8 @@ Trace simulate(const Rig& rig, const std::function<virtual_machine::Setpoint(dou
                (1.0 - std::exp(-time / reading.growth_time));
   };
   Controller controller(rig.drive, encoder(plant.motor.x), held);
+  CommandFilter filter(rig.drive.command_filter_hz, command(0.0).position);
+  const double follows = 1.0 - std::exp(-kPeriod / rig.drive.current_lag);  // where it lags
   Random noise(reading.noise_seed), torque_noise(~reading.noise_seed);
 
   Trace trace;
@@ -319,8 +345,10 @@ Trace simulate(const Rig& rig, const std::function<virtual_machine::Setpoint(dou
     if (n % kSteps == 0) {
       const auto k = static_cast<std::size_t>(n / kSteps);
       const virtual_machine::Setpoint wanted = command(time);
-      force = controller.act(wanted, encoder(plant.motor.x),
-                             encoder(loop_on_load ? plant.load.x : plant.motor.x), time);
+      const double asked =
+          controller.act(filter.follow(wanted), encoder(plant.motor.x),
+                         encoder(loop_on_load ? plant.load.x : plant.motor.x), time);
+      force = rig.drive.current_lag > 0.0 ? force + follows * (asked - force) : asked;
       filtered += (force - filtered) * kPeriod / std::max(kPeriod, reading.torque_lag);
       external = k < rig.external_force.size() ? rig.external_force[k] : 0.0;
       trace.acceleration.push_back(plant.load.a);

@@ -17,6 +17,9 @@
 //
 //   w = Kp (r - y) + Kvff r' - v,   u = clamp(Kv w + I + Maff r''),   I' = Kv / Tn w
 //
+// r is the command behind two equal poles where command_filter_hz is not 0; the force follows u
+// with current_lag.
+//
 // y is the reading of the encoder that closes the position loop, v always the motor's. The body is
 // integrated by velocity Verlet at 64 kHz. The axis starts at rest on its command with the
 // load held. The rig is independent of twin/: it shares no code with what is tested.
@@ -91,6 +94,8 @@ struct Drive {
   double velocity_feedforward = 0.0;
   double acceleration_feedforward = 0.0;  ///< Maff [kg]
   double force_limit = kNever;            ///< [N]
+  double command_filter_hz = 0.0;         ///< 0: none
+  double current_lag = 0.0;               ///< of the current loop, first order [s]
   Encoder position_from = Encoder::kMotor;
   double gain_ratio = 1.0;    ///< of Kp, from gain_time on
   double gain_time = kNever;  ///< [s]
