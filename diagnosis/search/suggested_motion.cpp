@@ -58,6 +58,11 @@ class Builder {
     constexpr double kPeakShare = 0.97, kMinSmoothing_s = 0.02, kMaxSmoothing_s = 0.2;
     v_ = kPeakShare * seen.velocity;
     a_ = kPeakShare * seen.acceleration;
+    // A recording at one speed shows no acceleration but the rounding of its command: no axis takes
+    // longer than kLongestRamp_s to its speed. With that acceleration a stroke takes minutes.
+    constexpr double kLongestRamp_s = 30.0, kGentleRamp_s = 1.0;
+    motion_.accelerates_more = a_ * kLongestRamp_s < v_;
+    if (motion_.accelerates_more) a_ = v_ / kGentleRamp_s;
     motion_.start = seen.start;
     motion_.smoothing_s = std::clamp(seen.jerk > 0.0 ? 2.0 * a_ / seen.jerk : kMinSmoothing_s,
                                      kMinSmoothing_s, kMaxSmoothing_s);
@@ -255,12 +260,15 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
              (seen.high - seen.low) / sizes.period));
   SuggestedTest out;
   out.motion = Builder(seen, sizes).of(parts);
-  out.words = "Run " + described(parts) +
-              text(
-                  " (%.0f s, within the recorded travel, speed and acceleration), record it and "
-                  "diagnose the recording. ",
-                  out.motion->duration_s()) +
-              words;
+  out.words =
+      "Run " + described(parts) +
+      text(" (%.0f s, within the recorded travel%s), record it and diagnose the recording. ",
+           out.motion->duration_s(),
+           out.motion->accelerates_more
+               ? " and speed; the recording hardly accelerates, and the test reaches its "
+                 "speed within 1 s"
+               : ", speed and acceleration") +
+      words;
   return out;
 }
 

@@ -7,7 +7,8 @@
 // instead (docs/theory.md 10).
 //
 // The motion stays within the travel, speed, acceleration and jerk of the recording, and begins
-// where the axis stood at the end of the recording. SI units. Any thread.
+// where the axis stood at the end of the recording. Where the recording hardly accelerates, the
+// motion reaches its speed within a second all the same, and says so. SI units. Any thread.
 #pragma once
 
 #include <optional>

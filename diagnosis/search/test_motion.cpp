@@ -115,9 +115,9 @@ std::string gcode(const TestMotion& motion, const std::string& axis, bool rotary
   }
   std::string out =
       "(test motion of axis " + axis + ", " + text("%.0f s)\n", motion.duration_s()) +
-      text(
-          "(from %.4f to %.4f %s, up to %.5g %s/min and %.4g %s/s^2: within the recorded motion)\n",
-          unit * low, unit * high, length, 60.0 * unit * fastest, length, unit * hardest, length) +
+      text("(from %.4f to %.4f %s, up to %.5g %s/min and %.4g %s/s^2: within the recorded %s)\n",
+           unit * low, unit * high, length, 60.0 * unit * fastest, length, unit * hardest, length,
+           motion.accelerates_more ? "travel and speed" : "motion") +
       text("(start position %.4f %s; record command and encoder throughout)\n", unit * motion.start,
            length) +
       "(G4 P is in seconds: convert it if the control uses another unit)\nG90 G94" +

@@ -47,6 +47,8 @@ struct TestMotion {
   double start = 0.0;        ///< [m | rad]
   double smoothing_s = 0.0;  ///< length of the moving average [s]
   std::vector<TestLeg> legs;
+  /// The recording hardly accelerates; this motion reaches its speed sooner.
+  bool accelerates_more = false;
 
   [[nodiscard]] double duration_s() const;
   [[nodiscard]] double end() const { return legs.empty() ? start : legs.back().to; }

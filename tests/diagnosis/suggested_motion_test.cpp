@@ -178,6 +178,29 @@ TEST(SuggestedTest, AStandingAxisGetsWordsAndNoMotion) {
   EXPECT_THAT(test->words, HasSubstr("contains no motion that a test could stay within"));
 }
 
+// A motor that turned at one speed for a few seconds: its command shows no acceleration.
+TEST(SuggestedTest, AtOneSpeedItReachesThatSpeedWithinASecond) {
+  SeenMotion turned;
+  turned.sample_time_s = kMotionStep_s;
+  turned.low = 0.0, turned.high = 6.0, turned.start = 6.0;
+  turned.velocity = 0.6, turned.acceleration = 1e-4;
+  const auto test = suggested_test({{"", ""}}, turned, {});
+  ASSERT_TRUE(test && test->motion);
+  EXPECT_LT(test->motion->duration_s(), 300.0);  // an hour by the acceleration that was seen
+  EXPECT_NE(test->words.find("the recording hardly accelerates"), std::string::npos);
+  EXPECT_NE(gcode(*test->motion, "C", false).find("within the recorded travel and speed"),
+            std::string::npos);
+  const Eigen::ArrayXd command = test->motion->command(0.01);
+  const Eigen::Index n = command.size() - 1;
+  EXPECT_LE((command.tail(n) - command.head(n)).abs().maxCoeff() / 0.01, 0.6);
+
+  // A heavy gantry that needs 2 s is not asked for more.
+  turned.acceleration = 0.3;
+  const auto gentle = suggested_test({{"", ""}}, turned, {});
+  EXPECT_FALSE(gentle->motion->accelerates_more);
+  for (const TestLeg& leg : gentle->motion->legs) EXPECT_LE(leg.acceleration, 0.3);
+}
+
 TEST(TestMotion, ALegTakesTheTimeOfItsTrapezoid) {
   // 0.1 m at 0.05 m/s under 0.5 m/s^2: 2 s and a ramp of 0.1 s more.
   const TestMotion motion{0.2, 0.02, {{0.3, 0.05, 0.5, 0.4}}};
