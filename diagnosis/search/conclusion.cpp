@@ -30,6 +30,8 @@ constexpr double kMaxRmsOverFloorToAccept = 5.0;
 constexpr double kModelMisfitShare = 0.15;
 // RMS over noise floor that the error without a cause must exceed for the cause to be named.
 constexpr double kMinRmsOverFloorOfCause = 1.3;
+// A suspicion below is none.
+constexpr double kMinConfidenceToSuspect = 0.05;
 // Share of the squared error above the noise floor: with more unexplained, the verdict is
 // "unexplained".
 constexpr double kMaxUnexplainedShare = 0.5;
@@ -206,6 +208,8 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());
+  std::erase_if(diagnosis.suspected,
+                [](const Cause& c) { return c.confidence < kMinConfidenceToSuspect; });
   // The error that an earlier model had on its own data is no change of the machine.
   double usual = kMinRmsOverFloorOfStructure * floor.rms;
   if (std::isfinite(diagnosis.earlier_rms))

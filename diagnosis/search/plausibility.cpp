@@ -31,6 +31,16 @@ bool are_impulses(const Effect& effect) {
          effect.shape[kPushes] < kMaxDurationShare * shapes_of(effect.kind)[kPushes].upper;
 }
 
+/// Whether the fit has taken all force from an effect that is a cause: what it was added for is
+/// explained by better values of the others.
+bool does_nothing(const Effect& effect) {
+  const std::size_t count = coefficients_of(effect.kind).size();
+  return count > 0 && !identity_of(effect.kind).cause.empty() &&
+         std::all_of(effect.coefficient.begin(),
+                     effect.coefficient.begin() + static_cast<std::ptrdiff_t>(count),
+                     [](double value) { return value == 0.0; });
+}
+
 /// Whether the fit has all but closed the gap of this effect, or made it narrower than the encoder
 /// can see: it then stands for something else. Of two masses the gap is taken out instead
 /// (identification/loop/two_mass_fit.h).
@@ -80,7 +90,9 @@ bool is_spring(const Model& model, const Effect& axis) {
 bool plausible(const Model& model, double begin_s, double end_s, double max_deviation,
                double encoder_step) {
   const auto closed = [&](const Effect& effect) { return is_closed_gap(effect, encoder_step); };
-  if (std::any_of(model.effects.begin(), model.effects.end(), closed)) return false;
+  if (std::any_of(model.effects.begin(), model.effects.end(), closed) ||
+      std::any_of(model.effects.begin(), model.effects.end(), does_nothing))
+    return false;
   // An effect that sets in within this share of the recording from its begin or end is not
   // accepted: there is too little data before or after it.
   constexpr double kMinShareToEnds = 0.06;

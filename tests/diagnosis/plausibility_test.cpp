@@ -87,7 +87,19 @@ TEST(Plausible, ASpringTooFastForTheSamplesIsNone) {
 }
 
 TEST(Plausible, AnEffectWithoutAGapHasNoneToClose) {
-  EXPECT_TRUE(is_plausible(make_effect<Presliding>()));
+  Effect effect = make_effect<Presliding>();
+  effect.coefficient[0] = 0.3;
+  EXPECT_TRUE(is_plausible(effect));
+}
+
+// A healthy machine was told of dwell stiction at 96 %, with a growth of 0.
+TEST(Plausible, ACauseWithoutForceIsNone) {
+  Effect effect = make_effect<DwellStiction>();
+  EXPECT_FALSE(is_plausible(effect));
+  effect.coefficient[0] = 0.02;
+  EXPECT_TRUE(is_plausible(effect));
+  // Part of every machine: friction of an ideal axis is 0, and no cause.
+  EXPECT_TRUE(is_plausible(make_effect<CoulombFriction>()));
 }
 
 }  // namespace
