@@ -178,6 +178,7 @@ ModelRecord identified_baseline(const SegmentedAxis& axis, const DiagnoseOptions
   IdentifyOptions loop = options.identify;
   if (options.leaves_out("time_delay")) loop.delay_max_s = 0.0;
   loop.must_predict = false;  // the diagnosis is about what it does not predict
+  loop.beyond_loop = false;   // sought beside the causes, a part of which it would hide
   Identified identified = identify(axis, loop);
   if (!identified.exchanged.empty())
     throw UnusableRecording(axis.axis + ": " + identified.exchanged);
@@ -340,14 +341,13 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   Selected selected = select_causes(search, baseline, options);
   const double holdout_from_s = out.baseline.training_to_s + 0.5 * axis.sample_time_s;
   const std::vector<Segment> holdout = held_out(search.recorded(), holdout_from_s);
-  const double worst = kMaxRmsRatioToKeepCauses * judge(selected.settled, holdout).rms;
+  const double worst = kMaxRmsRatioToKeepCauses * judge(selected.settled.model, holdout).rms;
   if (const double rms = judge(selected.model.model, holdout).rms;
       std::isfinite(worst) && !(rms < worst)) {
     selected.steps.push_back(text("the causes raise the error on held-out data (%s RMS): discarded",
                                   micro_text(rms, axis.rotary).c_str()));
-    selected.model = std::move(baseline);
+    selected.model = selected.settled;
     selected.found.clear();
-    search.polish(selected.model);
     search.follow(selected.model);
     search.judge(selected.model);
   }
@@ -357,9 +357,9 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const std::vector<Segment>& training = search.training();
   // The gain of better values of the same parameters is not a gain of a cause: the baseline gets
   // them.
-  const ErrorFigures settled = judge(selected.settled, training);
+  const ErrorFigures settled = judge(selected.settled.model, training);
   if (settled.rms < judge(out.baseline.model, training).rms) {
-    out.baseline.model = selected.settled;
+    out.baseline.model = selected.settled.model;
     out.baseline.training = settled;
   }
 

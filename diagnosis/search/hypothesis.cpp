@@ -19,6 +19,11 @@ bool has_two_masses(const Structure& structure) {
   return std::any_of(structure.effects.begin(), structure.effects.end(), acts_on_axis);
 }
 
+bool has_filter(const Structure& structure) {
+  return std::find(structure.effects.begin(), structure.effects.end(), kind_of<ControlFilter>()) !=
+         structure.effects.end();
+}
+
 bool is_intermittent(std::size_t kind) {
   const auto shapes = shapes_of(kind);
   const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;

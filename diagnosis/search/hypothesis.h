@@ -31,6 +31,8 @@ struct Hypothesis {
 
 /// Whether the structure is that of an axis of two masses.
 [[nodiscard]] bool has_two_masses(const Structure& structure);
+/// Whether it has a filter of the control.
+[[nodiscard]] bool has_filter(const Structure& structure);
 
 /// Whether the effect is intermittent (impulses, saturation). Isolated events cannot be refitted on
 /// the other blocks; their parameters are kept, and few intervals contain all that they explain.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "diagnosis/evidence/cuts.h"
 #include "diagnosis/search/plausibility.h"
@@ -172,7 +173,7 @@ bool Search::is_plausible(const Model& model) const {
                    kMaxDeviationSimulated, floor_.encoder_step);
 }
 
-std::optional<Model> Search::start_of_two_masses(const Hypothesis& h) const {
+std::optional<Model> Search::start_in_simulation(const Hypothesis& h) const {
   const auto is_of = [](const Effect& effect, std::size_t kind) { return effect.kind == kind; };
   if (std::equal(h.model.effects.begin(), h.model.effects.end(), h.structure.effects.begin(),
                  h.structure.effects.end(), is_of))
@@ -203,8 +204,8 @@ std::optional<Model> Search::start_of_two_masses(const Hypothesis& h) const {
   return out;
 }
 
-bool Search::refit_two_masses(Hypothesis& h) {
-  const std::optional<Model> start = start_of_two_masses(h);
+bool Search::refit_in_simulation(Hypothesis& h) {
+  const std::optional<Model> start = start_in_simulation(h);
   if (!start || !why_invalid(*start).empty()) return false;
   h.model = *start;
   ++fits_;
@@ -212,14 +213,22 @@ bool Search::refit_two_masses(Hypothesis& h) {
   if (!found || !why_invalid(found->model).empty() || !is_plausible(found->model)) return false;
   h.model = found->model;
   h.point = point_of(h.model, h.structure);
-  double left = 0.0;
-  for (const double square : left_by(h.model, training_)) left += square;
-  h.cost = left;
+  h.cost = left_in_training(h.model);
   return true;
 }
 
+double Search::left_in_training(const Model& model) const {
+  const std::vector<double> squares = left_by(model, training_);
+  return std::accumulate(squares.begin(), squares.end(), 0.0);
+}
+
+bool Search::only_in_simulation(const Structure& structure) const {
+  return has_two_masses(structure) || (has_filter(structure) && followed_ &&
+                                       followed_->model.find(kind_of<ControlFilter>()) != nullptr);
+}
+
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
-  if (has_two_masses(h.structure)) return refit_two_masses(h);
+  if (only_in_simulation(h.structure)) return refit_in_simulation(h);
   const Projection all = thinned(Projection(training_signals_, h.structure), kFitStep_s);
   PoleSearchOptions options;
   options.bounds = bounds_;
@@ -280,7 +289,7 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to
 }
 
 bool Search::fit_friction(Hypothesis& h, const Point& from) {
-  if (has_two_masses(h.structure)) return refit_two_masses(h);
+  if (has_two_masses(h.structure)) return refit_in_simulation(h);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
@@ -292,6 +301,7 @@ bool Search::fit_friction(Hypothesis& h, const Point& from) {
   h.point = point_of(h.model, h.structure);
   h.cost = found->fit.solution.cost;
   polish(h);
+  if (only_in_simulation(h.structure)) h.cost = left_in_training(h.model);
   return true;
 }
 
@@ -386,7 +396,7 @@ void Search::judge(Hypothesis& h) const {
   // With saturation nothing is refitted: along a measured motion the limit is estimated wrongly,
   // and the state of the integrator at the start of a cut-out block is not known.
   if (h.model.find(kind_of<TorqueSaturation>()) != nullptr) return judge_as_is(h);
-  if (has_two_masses(h.structure)) return judge_polished(h);
+  if (has_two_masses(h.structure) || has_filter(h.structure)) return judge_polished(h);
   h.pieces.clear();
   // Effects are driven by the motion of the better model, so that a law of friction is not judged
   // by the motion of a model without it.
@@ -418,10 +428,11 @@ void Search::judge_polished(Hypothesis& h) const {
   }
 }
 
-/// What the simulation of two masses leaves; the derivatives are those of a rigid axis.
-Screen Search::two_mass_screen(const Projection& coarse, const Hypothesis& h) const {
-  Eigen::MatrixXd tangent = coarse.full_jacobian(h.point, coarse.solve(h.point).linear)
-                                .leftCols(h.structure.order + h.structure.coefficient_count());
+/// What the simulation leaves; the derivatives of two masses are those of a rigid axis.
+Screen Search::simulated_screen(const Projection& coarse, const Hypothesis& h) const {
+  Eigen::MatrixXd tangent = coarse.full_jacobian(h.point, coarse.solve(h.point).linear);
+  if (has_two_masses(h.structure))
+    tangent = tangent.leftCols(h.structure.order + h.structure.coefficient_count()).eval();
   return {coarse.segments(), h.model, left_by_simulation(coarse, training_, h.model),
           std::move(tangent)};
 }
@@ -429,8 +440,9 @@ Screen Search::two_mass_screen(const Projection& coarse, const Hypothesis& h) co
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
   const Projection coarse = thinned(Projection(training_signals_, h.structure), kScreenStep_s);
-  const Screen screen = has_two_masses(h.structure) ? two_mass_screen(coarse, h)
-                                                    : Screen(coarse, h.point, floor_.encoder_step);
+  const Screen screen = only_in_simulation(h.structure)
+                            ? simulated_screen(coarse, h)
+                            : Screen(coarse, h.point, floor_.encoder_step);
   std::vector<Screened> out;
   out.resize(kinds.size());
   in_parallel(kinds.size(), [&](std::size_t i) { out[i] = screen.look(kinds[i]); });

@@ -89,17 +89,22 @@ class Search {
   /// Makes those of the training data, and of the blocks other than one, by `followed_`.
   void make_signals();
 
-  /// Two masses have no forces along a measured motion: they are fitted in free simulation, from
-  /// the model of `h`, or from the one that is followed with the effects of `h`. False where
+  /// Two masses have no forces along a measured motion, and its noise spoils the coefficients of a
+  /// filter of the control: both are fitted in free simulation.
+  [[nodiscard]] bool only_in_simulation(const Structure& structure) const;
+  /// From the model of `h`, or from the one that is followed with the effects of `h`. False where
   /// neither has them.
-  [[nodiscard]] bool refit_two_masses(Hypothesis& h);
-  [[nodiscard]] std::optional<Model> start_of_two_masses(const Hypothesis& h) const;
+  [[nodiscard]] bool refit_in_simulation(Hypothesis& h);
+  /// The sum of the mean squares that its simulation leaves, interval by interval: the cost of what
+  /// is fitted in simulation.
+  [[nodiscard]] double left_in_training(const Model& model) const;
+  [[nodiscard]] std::optional<Model> start_in_simulation(const Hypothesis& h) const;
 
   /// Starting points of the fit of an added effect: the screened one, and further ones where that
   /// is not enough.
   [[nodiscard]] std::vector<std::vector<double>> starts_of(std::size_t kind,
                                                            const std::vector<double>& shapes) const;
-  [[nodiscard]] Screen two_mass_screen(const Projection& coarse, const Hypothesis& h) const;
+  [[nodiscard]] Screen simulated_screen(const Projection& coarse, const Hypothesis& h) const;
   /// The mean squares of the simulation error in a block, interval by interval.
   [[nodiscard]] std::vector<double> left_in(std::size_t block, const Model& model) const;
   /// Divides the recording into training data and hold-out, and the training data into blocks.

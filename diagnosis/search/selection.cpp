@@ -15,19 +15,30 @@ namespace {
 // improvement the cause is discarded, since better values of the other parameters did as much.
 constexpr double kMaxRmsRatioAfterRefit = 0.99;
 
+// RMS ratio of a filter that is most of what is left, and the share of the squared error that the
+// screen forecasts of it: it then comes before the causes, which would stand for it.
+constexpr double kMaxRmsRatioOfMostError = 0.3, kMinGainOfMostError = 0.5;
+
 }  // namespace
 
 void Selector::run() {
   settle();
-  settled_ = now_.current.model;
+  settled_ = now_.current;
   delay();
   baseline_ = now_.current.rms();
   integrator();
+  add_filter(kMaxRmsRatioOfMostError, kMinGainOfMostError);
   add_causes();
+  if (filter_in_place_of_causes()) add_causes();
+  if (add_filter(kMaxRmsRatioClearlyBetter, kMinScreenGain)) {
+    ask_again_beside_filter();
+    add_causes();
+  }
   if (free_law()) add_causes();
   if (part_masses()) add_causes();
   if (law_beside_rests()) add_causes();
   replace_misfit_by_law();
+  give_filter_to_baseline();
 }
 
 void Selector::back_to(const State& before) {
@@ -94,8 +105,8 @@ Cause Selector::cause_by_improvement(std::string id, const Hypothesis& before) c
   return cause;
 }
 
-void Selector::remove_unnecessary() {
-  if (now_.found.size() < 2) return;
+bool Selector::remove_unnecessary() {
+  if (now_.found.empty()) return false;
   for (const auto& [id, one] : std::map<std::string, Found>(now_.found)) {
     if (id == last_) continue;
     if (!now_.current.has(one.kind)) {  // another effect has replaced it
@@ -117,8 +128,9 @@ void Selector::remove_unnecessary() {
       kept.kind = other == "stribeck" ? kind_of<FallingFriction>() : kind_of<Presliding>();
     }
     settle();
-    return;
+    return true;
   }
+  return false;
 }
 
 Selected select_causes(Search& search, Hypothesis baseline, const DiagnoseOptions& options) {

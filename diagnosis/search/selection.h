@@ -20,7 +20,9 @@ struct Found {
 };
 
 struct Selected {
-  Model settled;     ///< the baseline's structure, refitted in free simulation
+  /// The baseline's structure, with a filter of the control if there is one, refitted in free
+  /// simulation.
+  Hypothesis settled;
   Hypothesis model;  ///< with all causes, refitted in free simulation
   /// The model without the baseline's delay, where the delay was found not to be needed.
   std::optional<Hypothesis> undelayed;

@@ -24,6 +24,10 @@ constexpr double kMaxRmsRatioOfSpring = 1.02;
 // promising beside the rigid axis.
 constexpr double kMinRmsOverFloorUnscreened = 4.0;
 
+// Share of the squared error that a mode or a gap beside a filter of the control must promise: as
+// much as two masses have to explain. The filter has taken what a strongly damped load would do.
+constexpr double kMinGainBesideFilter = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
+
 /// The RMS of two masses over that of the model without them, below which they are accepted.
 double max_ratio(const Model& two_masses, const Model& without) {
   const Effect* mode = without.find(kind_of<Compliance>());
@@ -85,13 +89,15 @@ bool Selector::may_have_two_masses() const {
   const double misfit = std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
   if (!(now_.current.rms() > misfit)) return false;
   // A law of friction can imitate a gap so well that no gap beside it is promising.
-  if (now_.current.rms() > kMinRmsOverFloorUnscreened * search_.floor().rms) return true;
+  const bool filtered = now_.current.has(kind_of<ControlFilter>());
+  if (!filtered && now_.current.rms() > kMinRmsOverFloorUnscreened * search_.floor().rms)
+    return true;
   std::vector<std::size_t> kinds{kind_of<Compliance>(), kind_of<Backlash>(),
                                  kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()};
   std::erase_if(kinds, [&](std::size_t kind) { return options_.leaves_out(cause_of(kind)); });
   const std::vector<Screened> screened = search_.screen(now_.current, kinds);
-  return std::any_of(screened.begin(), screened.end(), [](const Screened& s) {
-    return s.p < kMaxScreenP && s.gain > kMinScreenGain;
+  return std::any_of(screened.begin(), screened.end(), [filtered](const Screened& s) {
+    return s.p < kMaxScreenP && s.gain > (filtered ? kMinGainBesideFilter : kMinScreenGain);
   });
 }
 

@@ -74,7 +74,8 @@ bool Selector::add_one() {
                                   (1.0 - chosen->left()))
       chosen = rival;
   }
-  if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model))
+  if (chosen->screened.kind == kind_of<Compliance>() &&
+      (delay_does_better(chosen->model) || filter_does_better(chosen->model)))
     return add_one();
   steps_.push_back(text("  %s: added", identity_of(chosen->screened.kind).id.data()));
   Cause cause = cause_among(tried, *chosen, judged(*chosen, bar));

@@ -34,7 +34,7 @@ class Selector {
 
   void run();
   [[nodiscard]] const Hypothesis& current() const { return now_.current; }
-  [[nodiscard]] const Model& settled() const { return settled_; }
+  [[nodiscard]] const Hypothesis& settled() const { return settled_; }
   [[nodiscard]] const std::optional<Hypothesis>& undelayed() const { return undelayed_; }
   [[nodiscard]] const std::map<std::string, Found>& found() const { return now_.found; }
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
@@ -57,8 +57,8 @@ class Selector {
   void settle();
   /// The cause that the present model has and that one had not.
   [[nodiscard]] Cause cause_by_improvement(std::string id, const Hypothesis& before) const;
-  /// Removes a cause that a later one has made unnecessary.
-  void remove_unnecessary();
+  /// Removes a cause that a later one has made unnecessary; true if there was one.
+  bool remove_unnecessary();
 
   // The delay, the order and the integrator of the loop.
   /// Removes the delay if a loop with free numerator fits as well without it: unmodelled friction
@@ -70,12 +70,30 @@ class Selector {
   /// Replaces a mode by a delay where that fits better: the poles and zeros of a mode can imitate a
   /// delay, which needs one parameter instead of four.
   bool delay_does_better(Hypothesis mode);
+  /// Where the filter alone leaves less than all causes found: takes it in their place.
+  bool filter_in_place_of_causes();
+  /// Forgets the causes that stood for the filter, and what was tried without it.
+  void ask_again_beside_filter();
+  /// The filter is part of the loop that the causes are compared with.
+  void give_filter_to_baseline();
+  /// Refits in free simulation until that hardly helps any more.
+  void converge(Hypothesis& h);
+  /// Replaces a mode by a filter of the control, which has as many parameters, where that fits
+  /// better.
+  bool filter_does_better(Hypothesis mode);
   /// Where to search the poles of a loop of the other order, with the present shape parameters:
   /// with a slow pole more, or without one of the real ones.
   [[nodiscard]] std::vector<Point> starts_in_other_order(const Structure& structure) const;
   /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
   /// part of the loop beside which causes are searched; a missing cause may have hidden it.
   void integrator();
+  /// Adds a filter of the control where much is left and the screen forecasts that it explains
+  /// `min_gain` of the squared error. It is no cause but part of the loop. False where the RMS
+  /// beyond the noise does not fall to `max_ratio` of what it was, or where a delay does as much:
+  /// that is then added in its place.
+  bool add_filter(double max_ratio, double min_gain);
+  /// The present model with a filter; without effects where no fit is one.
+  [[nodiscard]] Hypothesis with_filter(const Screened& screened);
 
   // A round: candidates are screened, fitted and compared, and one is added.
   /// False where no candidate improves the model enough.
@@ -148,8 +166,9 @@ class Selector {
   Search& search_;
   State now_;
   const DiagnoseOptions& options_;
-  Model settled_;
+  Hypothesis settled_;
   std::optional<Hypothesis> undelayed_;
+  std::optional<Hypothesis> filtered_;  // a filter before any cause, which was too little alone
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS before any cause [m | rad]
   double friction_ = 0.0;  // RMS that laws of friction have removed
