@@ -70,30 +70,30 @@ class Selector {
   /// Replaces a mode by a delay where that fits better: the poles and zeros of a mode can imitate a
   /// delay, which needs one parameter instead of four.
   bool delay_does_better(Hypothesis mode);
-  /// Where the filter alone leaves less than all causes found: takes it in their place.
-  bool filter_in_place_of_causes();
-  /// Forgets the causes that stood for the filter, and what was tried without it.
-  void ask_again_beside_filter();
-  /// The filter is part of the loop that the causes are compared with.
-  void give_filter_to_baseline();
-  /// Refits in free simulation until that hardly helps any more.
-  void converge(Hypothesis& h);
-  /// Replaces a mode by a filter of the control, which has as many parameters, where that fits
-  /// better.
-  bool filter_does_better(Hypothesis mode);
   /// Where to search the poles of a loop of the other order, with the present shape parameters:
   /// with a slow pole more, or without one of the real ones.
   [[nodiscard]] std::vector<Point> starts_in_other_order(const Structure& structure) const;
   /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
   /// part of the loop beside which causes are searched; a missing cause may have hidden it.
   void integrator();
-  /// Adds a filter of the control where much is left and the screen forecasts that it explains
-  /// `min_gain` of the squared error. It is no cause but part of the loop. False where the RMS
-  /// beyond the noise does not fall to `max_ratio` of what it was, or where a delay does as much:
-  /// that is then added in its place.
+
+  // A filter of the control: part of the loop, and no cause.
+  /// Adds one where much is left and the screen forecasts that it explains `min_gain` of the
+  /// squared error. False where the RMS beyond the noise does not fall to `max_ratio` of what it
+  /// was, or where a delay does as much: that is then added in its place.
   bool add_filter(double max_ratio, double min_gain);
   /// The present model with a filter; without effects where no fit is one.
   [[nodiscard]] Hypothesis with_filter(const Screened& screened);
+  /// Refits in free simulation until that hardly helps any more.
+  void converge(Hypothesis& h);
+  /// Replaces a mode by a filter, which has as many parameters, where that fits better.
+  bool filter_does_better(Hypothesis mode);
+  /// Where the filter alone leaves less than all causes found: takes it in their place.
+  bool filter_in_place_of_causes();
+  /// Forgets the causes that stood for the filter, and what was tried without it.
+  void ask_again_beside_filter();
+  /// The filter is part of the loop that the causes are compared with.
+  void give_filter_to_baseline();
 
   // A round: candidates are screened, fitted and compared, and one is added.
   /// False where no candidate improves the model enough.
