@@ -247,7 +247,7 @@ void TwinOf<S>::start_filters(const S& velocity, const S& acceleration) noexcept
     constexpr std::size_t kFilter = kind_of<ControlFilter>();
     if (effects_[i].kind != kFilter) continue;
     std::get<kFilter>(memory_[i])
-        .settle(effects_[i].shape.data(), acceleration, motion.direction());
+        .settle(effects_[i].shape.data(), velocity, acceleration, motion.direction());
     trial_[i] = memory_[i];
   }
 }

@@ -2,9 +2,10 @@
 // velocity, of the torque; a current loop; a lag of computing. Two more poles, without vibration.
 //
 // The formula is that of compliance.h, with a damping ratio at which nothing rings, and stepped
-// with the mean of both inputs over the cycle: a filter that is as large as the loop must not shift
-// with the sampling time. Every control has something like it, so that it is no cause. Source:
-// docs/theory.md 3.11.
+// with the mean of both inputs over the cycle: that of the acceleration is what the velocity has
+// changed by, so that an acceleration which is known by the last commands only does not add up. A
+// filter that is as large as the loop must not shift with the sampling time. Every control has
+// something like it, so that it is no cause. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>
@@ -43,22 +44,24 @@ struct ControlFilter {
   struct Memory {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
-    Swing<T> by_command;   // [m], [m/s]
-    Swing<T> by_friction;  // r [1], [1/s]
-    T acceleration = T(0.0), direction = T(0.0);
+    Swing<T> by_command;                      // [m], [m/s]
+    Swing<T> by_friction;                     // r [1], [1/s]
+    T velocity = T(0.0), direction = T(0.0);  // of the cycle before
+    bool under_way = false;
     /// As after a long motion with these.
-    void settle(const T* shape, const T& at, const T& towards) noexcept {
+    void settle(const T* shape, const T& speed, const T& acceleration, const T& towards) noexcept {
       const T w = 2.0 * std::numbers::pi * shape[0];
-      by_command = {-at / (w * w), T(0.0)};
+      by_command = {-acceleration / (w * w), T(0.0)};
       by_friction = {-towards, T(0.0)};
-      acceleration = at;
+      velocity = speed;
       direction = towards;
+      under_way = true;
     }
     template <class F>
     void each(const F& f) {
       by_command.each(f);
       by_friction.each(f);
-      f(acceleration);
+      f(velocity);
       f(direction);
     }
   };
@@ -67,12 +70,14 @@ struct ControlFilter {
   static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
                           T* force) noexcept {
     const SwingStep<T> poles(shape[0], shape[1], m.step_s);
-    const T acceleration(m.command_acceleration), direction(m.direction());
-    poles.advance(memory.by_command,
-                  -0.5 * (memory.acceleration + acceleration) / (poles.w * poles.w));
+    const T velocity(m.command_velocity), direction(m.direction());
+    T acceleration(m.command_acceleration);
+    if (memory.under_way) acceleration = (velocity - memory.velocity) / m.step_s;
+    poles.advance(memory.by_command, -acceleration / (poles.w * poles.w));
     poles.advance(memory.by_friction, -0.5 * (memory.direction + direction));
-    memory.acceleration = acceleration;
+    memory.velocity = velocity;
     memory.direction = direction;
+    memory.under_way = true;
     force[0] = poles.w * memory.by_command.q;
     force[1] = memory.by_command.rate;
     force[2] = memory.by_friction.q + direction;

@@ -59,7 +59,8 @@ typedef union {
   } mode; /* compliance */
   struct {
     Swing by_command, by_friction;
-    double acceleration, direction;
+    double velocity, direction;
+    int under_way;
   } filter;    /* control_filter */
   Swing other; /* cross_coupling */
   struct {

@@ -87,12 +87,15 @@ void servotwin_compliance(const double* shape, EffectMemory* memory, const Motio
 void servotwin_control_filter(const double* shape, EffectMemory* memory, const Motion* m,
                               double* force) {
   const SwingStep poles = swing_step(shape[0], shape[1], m->step_s);
-  const double acceleration = m->command_acceleration, direction = servotwin_direction(m);
-  advance(&poles, &memory->filter.by_command,
-          -0.5 * (memory->filter.acceleration + acceleration) / (poles.w * poles.w));
+  const double direction = servotwin_direction(m);
+  const double acceleration = memory->filter.under_way
+                                  ? (m->command_velocity - memory->filter.velocity) / m->step_s
+                                  : m->command_acceleration;
+  advance(&poles, &memory->filter.by_command, -acceleration / (poles.w * poles.w));
   advance(&poles, &memory->filter.by_friction, -0.5 * (memory->filter.direction + direction));
-  memory->filter.acceleration = acceleration;
+  memory->filter.velocity = m->command_velocity;
   memory->filter.direction = direction;
+  memory->filter.under_way = 1;
   force[0] = poles.w * memory->filter.by_command.q;
   force[1] = memory->filter.by_command.rate;
   force[2] = memory->filter.by_friction.q + direction;
