@@ -82,7 +82,8 @@ using Catalogue =
                UnexplainedOverPosition, UnexplainedOverVelocity, UnexplainedOverAcceleration,
                TwoMassMotorEncoder, TwoMassLoadEncoder, TwoMassOutside,  //
                PlayMotorEncoder, PlayLoadEncoder, PlayOutside,           //
-               SwingingLoad, ControlFilter>;
+               SwingingLoad, ControlFilter,                              //
+               TorqueSaturationHolding, TorqueSaturationBackCalculation>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model
@@ -191,6 +192,14 @@ constexpr bool is_friction(std::size_t kind) {
 /// Whether the effect is two poles beside those of the loop, fed by the command and by friction.
 constexpr bool adds_poles(std::size_t kind) {
   return kind == kind_of<Compliance>() || kind == kind_of<ControlFilter>();
+}
+
+/// The limit of the motor, by what the integrator of the control does there.
+inline constexpr std::array kMotorLimits{kind_of<TorqueSaturation>(),
+                                         kind_of<TorqueSaturationHolding>(),
+                                         kind_of<TorqueSaturationBackCalculation>()};
+constexpr bool limits_motor(std::size_t kind) {
+  return std::find(kMotorLimits.begin(), kMotorLimits.end(), kind) != kMotorLimits.end();
 }
 
 /// Whether the effect makes the axis one of two masses (twin/two_mass_axis.h).

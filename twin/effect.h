@@ -102,6 +102,9 @@ struct Identity {
   std::string_view cause = {};
   /// The id of the effect that it replaces; empty: none.
   std::string_view replaces = {};
+  /// The id of the effect of which it is another form: tried once that is found, and not screened
+  /// by itself; empty: none.
+  std::string_view form_of = {};
   std::string_view check = {};  ///< what to check on the machine
   /// On an axis of two masses: acts on the motor. All other forces act on the load, those of
   /// friction by the axis' share on each.

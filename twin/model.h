@@ -83,6 +83,14 @@ struct ModelOf {
 };
 using Model = ModelOf<double>;
 
+/// The effect that limits the motor; nothing in a model without one.
+[[nodiscard]] inline const Effect* motor_limit_of(const Model& model) {
+  for (const Effect& effect : model.effects) {
+    if (limits_motor(effect.kind)) return &effect;
+  }
+  return nullptr;
+}
+
 /// f(a, b) for every parameter of two loops, or two models, of one structure.
 template <class A, class B, class F>
 void each_parameter(LoopOf<A>& a, const LoopOf<B>& b, const F& f) {

@@ -347,9 +347,57 @@ TEST(TorqueSaturation, HoldsTheIntegratorWhileThatLeadsFurtherBeyond) {
   };
   EXPECT_EQ(at(1.0, 2.0), 0.0) << "below the limit nothing is held";
   EXPECT_DOUBLE_EQ(at(2.5, 2.0), 0.5);
-  // 0.05 are held from now on: of 2.5 the control asks for 2.45.
-  EXPECT_DOUBLE_EQ(at(2.5, -5.0), 0.45 + 0.05) << "what leads back is not held";
-  EXPECT_DOUBLE_EQ(at(1.0, 2.0), 0.05) << "and what was held stays away";
+  // A third of the step was beyond: 0.05 / 3 is held.
+  EXPECT_DOUBLE_EQ(at(2.5, -9.0), 0.5) << "what leads back is not held: -0.5 in the mean";
+  // 0.5 - 0.05 / 3 beyond before it is left; held over all of the step, 1 + 0.05 / 3 + 0.03 short
+  // of it after.
+  const double left = (0.5 - 0.05 / 3.0) / (1.5 + 0.03);
+  EXPECT_DOUBLE_EQ(at(1.0, 9.0), 0.05 / 3.0 + 0.03 * left) << "and what was held stays away";
+  EXPECT_DOUBLE_EQ(at(1.0, 2.0), 0.05 / 3.0 + 0.03 * left);
+}
+
+TEST(TorqueSaturation, HoldsTheIntegratorWhereverItLeads) {
+  Effect effect = make_effect<TorqueSaturationHolding>();
+  effect.shape = {2.0, 60.0, 0.5};
+  effect.coefficient = {1.0};
+  Along along(effect);
+  Motion m;
+  m.step_s = 0.01;
+  const auto at = [&](double demand, double rate) {
+    m.demand = demand;
+    m.demand_rate = rate;
+    return along(m);
+  };
+  EXPECT_EQ(at(1.0, -5.0), 0.0) << "below the limit nothing is held";
+  EXPECT_DOUBLE_EQ(at(2.5, -5.0), 0.5);
+  // What leads back is held as well: of a third of this step and all of the next.
+  EXPECT_DOUBLE_EQ(at(2.5, -5.0), 0.5);
+  const double held = -0.05 / 3.0 - 0.05, left = (0.5 - held) / (1.5 - 0.05);
+  EXPECT_DOUBLE_EQ(at(1.0, -5.0), held - 0.05 * left) << "and stays away";
+}
+
+TEST(TorqueSaturation, LeadsTheIntegratorBackInTheTrackingTime) {
+  constexpr double kLimit = 2.0, kAsked = 2.6, kTracking = 0.03, kCycle = 0.01;
+  Effect effect = make_effect<TorqueSaturationBackCalculation>();
+  effect.shape = {kLimit, kTracking, 0.5};
+  effect.coefficient = {1.0};
+  Along along(effect);
+  Motion m;
+  m.step_s = kCycle;
+  m.demand = kAsked;
+  m.demand_rate = 1.0;
+  for (int k = 0; k < 20; ++k)
+    EXPECT_NEAR(along(m), kAsked - kLimit, 1e-15) << "the motor gives what it can";
+  // What is missing of a constant demand fades with the tracking time; the rest is held.
+  m.demand = kLimit;
+  EXPECT_NEAR(along(m), (kAsked - kLimit) * (1.0 - std::exp(-20.0 * kCycle / kTracking)), 1e-15);
+  // A control without an integrator has nothing to lead back.
+  Along without(effect);
+  m.demand_rate = 0.0;
+  m.demand = kAsked;
+  without(m);
+  m.demand = kLimit;
+  EXPECT_EQ(without(m), 0.0);
 }
 
 TEST(DwellStiction, GrowsWithTheLogarithmOfTheRestAndIsLostWithTravel) {

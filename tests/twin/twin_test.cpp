@@ -411,7 +411,7 @@ TEST(Twin, WhatNothingDisturbsAcceleratesAsTheControlAsks) {
 }
 
 TEST(Twin, AMotorAtItsLimitGivesThatAndNoMoreUntilTheErrorIsMadeGood) {
-  const double h = 1e-4, limit = 8.5, offset = 1.0, reset = 60.0, viscous = 0.1;
+  const double h = 2e-5, limit = 8.5, offset = 1.0, reset = 60.0, viscous = 0.1;
   for (Model m : {plain_drive(h), integrating_drive(h)}) {
     m.effects.clear();
     Effect constant = make_effect<ConstantForce>();
@@ -448,8 +448,8 @@ TEST(Twin, AMotorAtItsLimitGivesThatAndNoMoreUntilTheErrorIsMadeGood) {
         beyond += std::abs(8.0 * std::sin(w * t)) + offset < limit ? 1 : 0;
       }
     }
-    EXPECT_GT(limited, 500);
-    EXPECT_GT(beyond, 50) << "the error that was left is asked for after the command";
+    EXPECT_GT(limited, 2500);
+    EXPECT_GT(beyond, 250) << "the error that was left is asked for after the command";
   }
 }
 

@@ -65,8 +65,11 @@ typedef union {
   Swing other; /* cross_coupling */
   struct {
     double age_s, extra;
-  } rest;       /* dwell_stiction */
-  double value; /* dahl, lugre, backlash_in_loop, gain_change, torque_saturation */
+  } rest; /* dwell_stiction */
+  struct {
+    double held, asked, rate;
+  } limit;      /* torque_saturation, torque_saturation_holding */
+  double value; /* dahl, lugre, backlash_in_loop, gain_change, torque_saturation_back_calculation */
 } EffectMemory;
 
 /* The quantity that an effect acts on. */
@@ -141,6 +144,9 @@ void servotwin_impulse_disturbance(const double*, EffectMemory*, const Motion*, 
 void servotwin_inertia_change(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_periodic_disturbance(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_torque_saturation(const double*, EffectMemory*, const Motion*, double*);
+void servotwin_torque_saturation_holding(const double*, EffectMemory*, const Motion*, double*);
+void servotwin_torque_saturation_back_calculation(const double*, EffectMemory*, const Motion*,
+                                                  double*);
 void servotwin_unexplained_over_position(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_unexplained_over_velocity(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_unexplained_over_acceleration(const double*, EffectMemory*, const Motion*, double*);

@@ -162,18 +162,62 @@ void servotwin_periodic_disturbance(const double* shape, EffectMemory* memory, c
   force[1] = cos(angle);
 }
 
+static double beyond(double limit, double asked) {
+  if (asked > limit) return asked - limit;
+  return asked < -limit ? asked + limit : 0.0;
+}
+
+/* The change of what the integrator is held by over this step: twin/effects/torque_saturation.h. */
+static double change_of_held(const double* shape, EffectMemory* memory, const Motion* m,
+                             double asked, int clamps) {
+  const double last = memory->limit.asked;
+  const int was_beyond = last > shape[0] || last < -shape[0];
+  const double side = (was_beyond ? last : asked) > 0.0 ? 1.0 : -1.0;
+  const double before = side * last - shape[0];
+  const double now = side * asked - shape[0];
+  const double rate = m->demand_rate + shape[1] * m->demand_damping;
+  const double leads = 0.5 * side * (rate + memory->limit.rate);
+  const double all = m->step_s * leads;
+  const double now_if_held = now - all;
+  double change = 0.0;
+  memory->limit.rate = rate;
+  if (clamps && !(leads > 0.0)) return 0.0;
+  if (before > 0.0) {
+    change = now_if_held > 0.0 ? all : all * before / (before - now_if_held);
+    if (!(now_if_held > 0.0) && now > change) change = now;
+  } else if (now > 0.0) {
+    change = all * now / (now - before);
+    if (change > now) change = now;
+  }
+  return side * change;
+}
+
+static void stops_at_limit(const double* shape, EffectMemory* memory, const Motion* m,
+                           double* force, int clamps) {
+  const double without = m->demand + shape[2] * m->velocity;
+  double asked;
+  memory->limit.held += change_of_held(shape, memory, m, without - memory->limit.held, clamps);
+  asked = without - memory->limit.held;
+  memory->limit.asked = asked;
+  force[0] = beyond(shape[0], asked) + memory->limit.held;
+}
+
 void servotwin_torque_saturation(const double* shape, EffectMemory* memory, const Motion* m,
                                  double* force) {
-  const double asked = m->demand - memory->value + shape[2] * m->velocity;
-  double missing = 0.0;
-  if (asked > shape[0]) {
-    missing = asked - shape[0];
-  } else if (asked < -shape[0]) {
-    missing = asked + shape[0];
-  }
-  force[0] = missing + memory->value;
-  const double rate = m->demand_rate + shape[1] * m->demand_damping;
-  if (rate * missing > 0.0) memory->value += m->step_s * rate;
+  stops_at_limit(shape, memory, m, force, 1);
+}
+
+void servotwin_torque_saturation_holding(const double* shape, EffectMemory* memory, const Motion* m,
+                                         double* force) {
+  stops_at_limit(shape, memory, m, force, 0);
+}
+
+void servotwin_torque_saturation_back_calculation(const double* shape, EffectMemory* memory,
+                                                  const Motion* m, double* force) {
+  const double without = m->demand + shape[2] * m->velocity;
+  if (m->demand_rate != 0.0)
+    memory->value += beyond(shape[0], without - memory->value) * (1.0 - exp(-m->step_s / shape[1]));
+  force[0] = beyond(shape[0], without - memory->value) + memory->value;
 }
 
 static void over(double at, const double* shape, double* force) {
