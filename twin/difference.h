@@ -27,14 +27,15 @@ inline constexpr double kDifferenceStep = 1e-5;
 /// The derivative of the error along the direction; of one side where the other is no valid model,
 /// and NaN where neither is. `error`: that of the model.
 [[nodiscard]] inline Eigen::VectorXd difference(const Model& model, const Model& direction,
-                                                const Segment& segment,
+                                                const Segment& segment, Outputs outputs,
                                                 const Eigen::ArrayXd& error) {
   const double rate = relative_rate(model, direction);
   const double step = rate > 0.0 ? kDifferenceStep / rate : kDifferenceStep;
   for (const double by : {step, -step}) {
     Model there = model;
     each_parameter(there, direction, [by](double& x, double change) { x += by * change; });
-    if (why_invalid(there).empty()) return ((simulate(there, segment) - error) / by).matrix();
+    if (why_invalid(there).empty())
+      return ((simulate(there, segment, outputs) - error) / by).matrix();
   }
   return Eigen::VectorXd::Constant(error.size(), kAbsent);
 }

@@ -69,13 +69,14 @@ Input<S> input_of(const Segment& segment, const S& delay_s) {
   return out;
 }
 
-/// keep(k, error) for the first `count` samples of a run from rest, or from this free response.
+/// keep(k, error, twin) for the first `count` samples of a run from rest, or from this free
+/// response.
 template <class S, class Keep>
 void run(const TwinOf<S>& model, const Segment& segment, Eigen::Index count, const Input<S>& input,
          std::span<const S> free_response, const Keep& keep) {
   TwinOf<S> twin = model;
   twin.start(input.position(0), free_response, segment.start_s);
-  keep(Eigen::Index{0}, S(segment.command(0) - twin.position()));
+  keep(Eigen::Index{0}, S(segment.command(0) - twin.position()), twin);
   CommandPieceOf<S> piece;
   if (!free_response.empty() && count > 1) {
     input.set(piece, segment, 1);
@@ -83,7 +84,7 @@ void run(const TwinOf<S>& model, const Segment& segment, Eigen::Index count, con
   }
   for (Eigen::Index k = 1; k < count; ++k) {
     input.set(piece, segment, k);
-    keep(k, S(twin.step(piece) + (segment.command(k) - piece.end_position)));
+    keep(k, S(twin.step(piece) + (segment.command(k) - piece.end_position)), twin);
   }
 }
 
@@ -178,10 +179,11 @@ class Start {
   std::optional<LeastSquares> solver_;
 };
 
-/// keep(k, error) for every sample of the segment; `values`: the model without derivatives.
+/// keep(row, error) for every sample of the segment and output; `values`: the model without
+/// derivatives.
 template <class S, class Keep>
 void simulate_with(const ModelOf<S>& model, const Model& values, const Segment& segment,
-                   const Keep& keep) {
+                   Outputs outputs, const Keep& keep) {
   const TwinOf<S> twin(model);
   const Eigen::Index n = segment.size();
   const Input<S> input = input_of(segment, twin.command_delay_s());
@@ -196,14 +198,21 @@ void simulate_with(const ModelOf<S>& model, const Model& values, const Segment& 
     // Friction depends on the starting motion, so a second round improves the estimate.
     for (int round = 0; round < 3; ++round) {
       std::vector<S> miss;
-      run<S>(twin, segment, settle, input, state, [&](Eigen::Index k, const S& error) {
-        if (k > 0) miss.push_back((segment.command(k) - segment.actual(k)) - error);
-      });
+      run<S>(twin, segment, settle, input, state,
+             [&](Eigen::Index k, const S& error, const TwinOf<S>&) {
+               if (k > 0) miss.push_back((segment.command(k) - segment.actual(k)) - error);
+             });
       const std::vector<S> correction = start.nearest(miss);
       for (std::size_t i = 0; i < state.size(); ++i) state[i] += correction[i];
     }
   }
-  run<S>(twin, segment, n, input, state, keep);
+  const auto per_sample = static_cast<Eigen::Index>(outputs);
+  run<S>(twin, segment, n, input, state,
+         [&](Eigen::Index k, const S& error, const TwinOf<S>& there) {
+           keep(per_sample * k, error);
+           if (outputs == Outputs::kBoth)
+             keep(per_sample * k + 1, S(segment.command(k) - there.motor_position()));
+         });
 }
 
 /// The model with its derivatives along these directions.
@@ -232,6 +241,8 @@ bool moves_command(const Model& direction) {
 /// over the largest error [1].
 constexpr double kMaxRelativeDerivative = 1e4;
 
+constexpr Eigen::Index kFewestSamples = 4;  // for a cubic through the command
+
 }  // namespace
 
 double starting_state_s(const Model& model) {
@@ -258,24 +269,27 @@ Eigen::Index starting_state_samples(const Model& model, const Segment& segment) 
   return static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4;
 }
 
-Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
-  const Eigen::Index n = segment.size();
-  if (n < 4) {
+Eigen::ArrayXd simulate(const Model& model, const Segment& segment, Outputs outputs) {
+  const Eigen::Index rows = static_cast<Eigen::Index>(outputs) * segment.size();
+  if (segment.size() < kFewestSamples) {
     const Twin checked(model);
-    return Eigen::ArrayXd::Zero(n);
+    return Eigen::ArrayXd::Zero(rows);
   }
-  Eigen::ArrayXd out(n);
-  simulate_with(model, model, segment, [&](Eigen::Index k, double error) { out(k) = error; });
+  Eigen::ArrayXd out(rows);
+  simulate_with(model, model, segment, outputs,
+                [&](Eigen::Index row, double error) { out(row) = error; });
   return out;
 }
 
-Simulated simulate(const Model& model, std::span<const Model> directions, const Segment& segment) {
-  const Eigen::Index n = segment.size();
+Simulated simulate(const Model& model, std::span<const Model> directions, const Segment& segment,
+                   Outputs outputs) {
+  const Eigen::Index rows = static_cast<Eigen::Index>(outputs) * segment.size();
   const auto count = static_cast<Eigen::Index>(directions.size());
-  if (n < 4 || count == 0) return {simulate(model, segment), Eigen::MatrixXd::Zero(n, count)};
+  if (segment.size() < kFewestSamples || count == 0)
+    return {simulate(model, segment, outputs), Eigen::MatrixXd::Zero(rows, count)};
   Simulated out;
-  out.error.resize(n);
-  out.by.resize(n, count);
+  out.error.resize(rows);
+  out.by.resize(rows, count);
   // Those first that change more than the forces: the twin is faster without the others.
   std::vector<const Model*> order;
   for (const Model& direction : directions) order.push_back(&direction);
@@ -284,11 +298,12 @@ Simulated simulate(const Model& model, std::span<const Model> directions, const 
   for (std::size_t first = 0; first < order.size(); first += kParametersPerPass) {
     const std::span<const Model* const> some = std::span<const Model* const>(order).subspan(
         first, std::min(kParametersPerPass, order.size() - first));
-    simulate_with(moved(model, some), model, segment, [&](Eigen::Index k, const TwinDual& error) {
-      out.error(k) = error.value;
-      for (std::size_t i = 0; i < some.size(); ++i)
-        out.by(k, some[i] - directions.data()) = error.by[i];
-    });
+    simulate_with(moved(model, some), model, segment, outputs,
+                  [&](Eigen::Index row, const TwinDual& error) {
+                    out.error(row) = error.value;
+                    for (std::size_t i = 0; i < some.size(); ++i)
+                      out.by(row, some[i] - directions.data()) = error.by[i];
+                  });
   }
   const double largest = out.error.abs().maxCoeff();
   for (Eigen::Index i = 0; i < count; ++i) {
@@ -298,7 +313,7 @@ Simulated simulate(const Model& model, std::span<const Model> directions, const 
     if (out.by.col(i).allFinite() &&
         out.by.col(i).cwiseAbs().maxCoeff() <= kMaxRelativeDerivative * rate * largest)
       continue;
-    out.by.col(i) = difference(model, direction, segment, out.error);
+    out.by.col(i) = difference(model, direction, segment, outputs, out.error);
   }
   return out;
 }

@@ -88,6 +88,10 @@ class TwinOf {
   [[nodiscard]] S position() const noexcept { return position_ + reading_; }
   /// The simulated position of the loop, without effects on the reading alone [m | rad].
   [[nodiscard]] S loop_position() const noexcept { return position_; }
+  /// The simulated position of the motor; on a rigid axis that of the loop [m | rad].
+  [[nodiscard]] S motor_position() const noexcept {
+    return axis_.used() ? motor_position_ : position_;
+  }
   /// The simulated velocity [m/s | rad/s].
   [[nodiscard]] S velocity() const noexcept { return velocity_; }
   /// Force demanded by the control per moved mass, at the same time [m/s^2 | rad/s^2].
@@ -224,10 +228,15 @@ using Twin = TwinOf<double>;
 /// The same in samples of a segment; they are not counted in the error of a prediction.
 [[nodiscard]] Eigen::Index starting_state_samples(const Model& model, const Segment& segment);
 
+/// Of an axis with two encoders: the tracking error at the recorded one, or at that and at the
+/// motor in turns, two values per sample.
+enum class Outputs : Eigen::Index { kRecorded = 1, kBoth = 2 };
+
 /// Free simulation of a whole segment from command and starting state: the tracking error, one
-/// value per sample [m | rad]. If `actual` is present, the starting state is fitted to the first
-/// `starting_state_s` of it; else the axis starts at rest on its command.
-[[nodiscard]] Eigen::ArrayXd simulate(const Model& model, const Segment& segment);
+/// value per sample and output [m | rad]. If `actual` is present, the starting state is fitted to
+/// the first `starting_state_s` of it; else the axis starts at rest on its command.
+[[nodiscard]] Eigen::ArrayXd simulate(const Model& model, const Segment& segment,
+                                      Outputs outputs = Outputs::kRecorded);
 
 /// The same with its derivatives: column i is d error / dt of the models model + t directions[i]. A
 /// direction is a model of the same structure whose parameters are the rates of change.
@@ -236,6 +245,6 @@ struct Simulated {
   Eigen::MatrixXd by;
 };
 [[nodiscard]] Simulated simulate(const Model& model, std::span<const Model> directions,
-                                 const Segment& segment);
+                                 const Segment& segment, Outputs outputs = Outputs::kRecorded);
 
 }  // namespace servotwin

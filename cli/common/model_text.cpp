@@ -138,8 +138,11 @@ std::string structure_text(const Model& model) {
 
 std::string figures_text(const ErrorFigures& figures, bool rotary) {
   if (!std::isfinite(figures.rms)) return "not known";
-  return text("%9.3f %s RMS %9.2f %s MAX", 1e6 * figures.rms, micro(rotary), 1e6 * figures.max,
-              micro(rotary));
+  std::string out = text("%9.3f %s RMS %9.2f %s MAX", 1e6 * figures.rms, micro(rotary),
+                         1e6 * figures.max, micro(rotary));
+  if (std::isfinite(figures.motor_rms))
+    out += text(", %.3f %s RMS at the motor", 1e6 * figures.motor_rms, micro(rotary));
+  return out;
 }
 
 std::string noise_floor_text(const RmsEstimate& floor, bool rotary) {

@@ -34,8 +34,11 @@ std::size_t bridge_held(Segment& s, double step) {
     const bool under_way =
         before * missed > 0.0 && std::abs(before) * samples > kMinJumpShare * std::abs(missed);
     if (moves && under_way && made / missed > kMinJumpShare) {
-      for (Eigen::Index i = k; i < end; ++i)
+      for (Eigen::Index i = k; i < end; ++i) {
         s.actual(i) = s.actual(k - 1) + made * static_cast<double>(i - k + 1) / samples;
+        // What holds a row holds the motor's encoder as well.
+        if (s.actual_motor.size() == s.size()) s.actual_motor(i) = kAbsent;
+      }
       held += static_cast<std::size_t>(end - k);
     }
     k = end;

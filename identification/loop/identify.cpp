@@ -275,16 +275,30 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, dou
   ErrorFigures out;
   Eigen::Index count = 0;
   double most = 0.0;
+  std::vector<double> at_motor;
   for (const Segment& s : segments) {
     const auto skipped = static_cast<Eigen::Index>(std::ceil(skip_s / s.sample_time_s));
     const Eigen::Index used = std::max({s.lead, skipped, starting_state_samples(model, s)});
     if (s.size() <= used + 10) continue;
-    const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
+    const bool both = two_mass_of(model) != nullptr && s.actual_motor.size() == s.size();
+    const Eigen::ArrayXd simulated = simulate(model, s, both ? Outputs::kBoth : Outputs::kRecorded);
+    const auto every = static_cast<Eigen::Index>(both ? Outputs::kBoth : Outputs::kRecorded);
+    const Eigen::ArrayXd recorded = simulated(Eigen::seqN(0, s.size(), every));
+    const Eigen::ArrayXd left = ((s.command - s.actual) - recorded).tail(s.size() - used);
+    for (Eigen::Index k = used; both && k < s.size(); ++k) {
+      const double missed = s.command(k) - s.actual_motor(k) - simulated(2 * k + 1);
+      if (std::isfinite(missed)) at_motor.push_back(missed);
+    }
     sum += left.square().sum();
     most = std::max(most, left.abs().maxCoeff());
     count += left.size();
   }
   if (count > 0) out = {std::sqrt(sum / static_cast<double>(count)), most};
+  if (!at_motor.empty()) {
+    // The zeros of the two encoders are not the same.
+    const Eigen::Map<const Eigen::ArrayXd> missed(at_motor.data(), std::ssize(at_motor));
+    out.motor_rms = std::sqrt((missed - missed.mean()).square().mean());
+  }
   return out;
 }
 

@@ -92,7 +92,7 @@ class Coordinates {
     for (std::size_t i = 0; i < structure.effects.size(); ++i) {
       // A limit takes away all of the torque beyond it. Left free, the share would trade with the
       // limit and the viscous friction, and the model would be wrong in larger moves.
-      if (structure.effects[i] == kind_of<TorqueSaturation>()) {
+      if (limits_motor(structure.effects[i])) {
         template_.effects[i].coefficient[0] = 1.0;
         continue;
       }
@@ -276,134 +276,6 @@ class Coordinates {
   int numerators_ = 0;
 };
 
-/// The samples of a segment that count: those that determine the starting state do not.
-Eigen::Index counted(const Segment& s, Eigen::Index settled) {
-  return std::max<Eigen::Index>(0, s.size() - std::max(settled, s.lead));
-}
-Eigen::Index counted(const std::vector<Segment>& segments, Eigen::Index settled) {
-  Eigen::Index rows = 0;
-  for (const Segment& s : segments) rows += counted(s, settled);
-  return rows;
-}
-
-/// Measured minus simulated error at the samples that count; empty if the model is not valid.
-Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
-                       Eigen::Index settled) {
-  if (!why_invalid(model).empty()) return {};
-  Eigen::VectorXd out(counted(segments, settled));
-  Eigen::Index row = 0;
-  for (const Segment& s : segments) {
-    const Eigen::Index n = counted(s, settled);
-    if (n <= 0) continue;
-    out.segment(row, n) = ((s.command - s.actual) - simulate(model, s)).tail(n).matrix();
-    row += n;
-  }
-  return out;
-}
-
-/// With play a fit ends in a better optimum by differences: they see past the next contact.
-Simulated by_differences(const Model& model, std::span<const Model> directions,
-                         const Segment& segment) {
-  Simulated out;
-  out.error = simulate(model, segment);
-  out.by.resize(out.error.size(), static_cast<Eigen::Index>(directions.size()));
-  for (std::size_t i = 0; i < directions.size(); ++i)
-    out.by.col(static_cast<Eigen::Index>(i)) = difference(model, directions[i], segment, out.error);
-  return out;
-}
-
-/// The same with its derivatives by the coordinates; 0 by those that are not `free`.
-struct Missed {
-  Eigen::VectorXd r;  ///< empty if the model is not valid
-  Eigen::MatrixXd by;
-};
-Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
-                               const std::vector<Segment>& segments, Eigen::Index settled,
-                               const std::vector<std::size_t>& free) {
-  const Model model = coordinates.model(x);
-  if (!why_invalid(model).empty()) return {};
-  const std::vector<Model> all = coordinates.directions(x);
-  std::vector<Model> directions;
-  for (const std::size_t i : free) directions.push_back(all[i]);
-  std::vector<Eigen::Index> rows{0};
-  for (const Segment& s : segments) rows.push_back(rows.back() + counted(s, settled));
-  Missed out;
-  out.r.resize(rows.back());
-  out.by.setZero(rows.back(), static_cast<Eigen::Index>(all.size()));
-  const bool has_play = plays(model);
-  // One task for every segment and every pass over it.
-  const std::size_t passes = (directions.size() + kParametersPerPass - 1) / kParametersPerPass;
-  in_parallel(segments.size() * passes, [&](std::size_t task) {
-    const std::size_t i = task / passes, first = task % passes * kParametersPerPass;
-    const Segment& s = segments[i];
-    const Eigen::Index n = rows[i + 1] - rows[i];
-    if (n <= 0) return;
-    const auto some = std::span<const Model>(directions)
-                          .subspan(first, std::min(kParametersPerPass, directions.size() - first));
-    const Simulated simulated =
-        has_play ? by_differences(model, some, s) : simulate(model, some, s);
-    if (first == 0)
-      out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
-    for (std::size_t c = 0; c < some.size(); ++c)
-      out.by.col(static_cast<Eigen::Index>(free[first + c])).segment(rows[i], n) =
-          -simulated.by.col(static_cast<Eigen::Index>(c)).tail(n);
-  });
-  return out;
-}
-
-class ReadingCost final : public ceres::CostFunction {
- public:
-  ReadingCost(const std::vector<Segment>& segments, const Coordinates& coordinates,
-              Eigen::Index settled, Eigen::Index rows, Eigen::Index parameters,
-              const ReadingLikelihood& likelihood, const std::vector<std::size_t>& free)
-      : segments_(segments),
-        coordinates_(coordinates),
-        settled_(settled),
-        likelihood_(likelihood),
-        free_(free) {
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(parameters));
-    set_num_residuals(static_cast<int>(rows));
-  }
-
-  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
-    const Eigen::Index rows = num_residuals(), count = parameter_block_sizes()[0];
-    const bool derivatives = jacobians != nullptr && jacobians[0] != nullptr;
-    Missed at;
-    if (derivatives) {
-      at = missed_with_derivatives(coordinates_, x[0], segments_, settled_, free_);
-    } else {
-      at.r = missed(coordinates_.model(x[0]), segments_, settled_);
-    }
-    if (at.r.size() != rows || !at.r.allFinite()) return false;
-    for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihood_.residual(at.r(k));
-    if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
-    if (!derivatives) return true;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
-    for (Eigen::Index k = 0; k < rows; ++k)
-      jacobian.row(k) = likelihood_.slope(at.r(k)) * at.by.row(k);
-    return jacobian.allFinite();
-  }
-
- private:
-  const std::vector<Segment>& segments_;
-  const Coordinates& coordinates_;
-  Eigen::Index settled_;
-  const ReadingLikelihood& likelihood_;
-  const std::vector<std::size_t>& free_;
-};
-
-/// The residuals of least squares for these; `jacobian`, of r, becomes theirs.
-Eigen::VectorXd weighted(const ReadingLikelihood& likelihood, const Eigen::VectorXd& r,
-                         Eigen::MatrixXd& jacobian) {
-  Eigen::VectorXd out(r.size());
-  for (Eigen::Index k = 0; k < r.size(); ++k) {
-    jacobian.row(k) *= likelihood.slope(r(k));
-    out(k) = likelihood.residual(r(k));
-  }
-  return out;
-}
-
 /// The sigma under which these residuals are most probable.
 double most_probable_sigma(const Eigen::VectorXd& r, double encoder_step) {
   const double rms = std::sqrt(r.squaredNorm() / static_cast<double>(r.size()));
@@ -419,17 +291,240 @@ double most_probable_sigma(const Eigen::VectorXd& r, double encoder_step) {
   return best;
 }
 
+/// With play a fit ends in a better optimum by differences: they see past the next contact.
+Simulated by_differences(const Model& model, std::span<const Model> directions,
+                         const Segment& segment, Outputs outputs) {
+  Simulated out;
+  out.error = simulate(model, segment, outputs);
+  out.by.resize(out.error.size(), static_cast<Eigen::Index>(directions.size()));
+  for (std::size_t i = 0; i < directions.size(); ++i)
+    out.by.col(static_cast<Eigen::Index>(i)) =
+        difference(model, directions[i], segment, outputs, out.error);
+  return out;
+}
+
+/// What is missed, with its derivatives by the coordinates; 0 by those that are not free.
+struct Missed {
+  Eigen::VectorXd r;  ///< empty if the model is not valid
+  Eigen::MatrixXd by;
+};
+
+/// Of the motor, from which on they count: fewer do not tell how well it is simulated.
+constexpr std::ptrdiff_t kFewestReadings = 300;
+/// The least deviation of the motor's readings over that of the recorded encoder's: they may all be
+/// of a rest, on one step.
+constexpr double kLeastMotorSigma = 1e-2;
+
+/// What the encoders of some segments say of a model: of the recorded one, and on an axis of two
+/// masses also of the motor's where every segment has it. One row per sample that counts (those
+/// that determine the starting state do not) and output, in turns. The zeros of the two encoders
+/// are not the same: the motor's is where its rows have the mean 0.
+class Readings {
+ public:
+  Readings(const std::vector<Segment>& segments, const Model& start) : segments_(segments) {
+    if (!segments.empty()) settled_ = starting_state_samples(start, segments.front());
+    const bool both = !segments.empty() && two_mass_of(start) != nullptr &&
+                      std::all_of(segments.begin(), segments.end(), [](const Segment& s) {
+                        return s.actual_motor.size() == s.size();
+                      });
+    if (both) {
+      for (const Segment& s : segments) {
+        for (Eigen::Index k = s.size() - std::max<Eigen::Index>(0, counted(s)); k < s.size(); ++k)
+          motor_is_known_.push_back(std::isfinite(s.actual_motor(k)));
+      }
+      if (std::count(motor_is_known_.begin(), motor_is_known_.end(), true) >= kFewestReadings)
+        outputs_ = Outputs::kBoth;
+      else
+        motor_is_known_.clear();
+    }
+    for (const Segment& s : segments)
+      first_.push_back(first_.back() + per_sample() * std::max<Eigen::Index>(0, counted(s)));
+  }
+
+  [[nodiscard]] Eigen::Index per_sample() const { return static_cast<Eigen::Index>(outputs_); }
+  [[nodiscard]] Eigen::Index rows() const { return first_.back(); }
+  [[nodiscard]] double row_s() const {
+    return segments_.front().sample_time_s / static_cast<double>(per_sample());
+  }
+  /// The motor's reading may be lost.
+  [[nodiscard]] bool known(Eigen::Index row) const {
+    return motor_is_known_.empty() || row % 2 == 0 ||
+           motor_is_known_[static_cast<std::size_t>(row / 2)];
+  }
+  /// Those of one output that are known.
+  [[nodiscard]] Eigen::VectorXd of(Eigen::Index output, const Eigen::VectorXd& r) const {
+    if (per_sample() == 1) return r;
+    std::vector<double> out;
+    for (Eigen::Index row = output; row < r.size(); row += 2) {
+      if (known(row)) out.push_back(r(row));
+    }
+    return Eigen::Map<Eigen::VectorXd>(out.data(), static_cast<Eigen::Index>(out.size()));
+  }
+
+  /// Measured minus simulated error; empty if the model is not valid.
+  [[nodiscard]] Eigen::VectorXd missed(const Model& model) const {
+    if (!why_invalid(model).empty()) return {};
+    Eigen::VectorXd out(rows());
+    for (std::size_t i = 0; i < segments_.size(); ++i)
+      put(i, simulate(model, segments_[i], outputs_), out);
+    center(out);
+    return out;
+  }
+  [[nodiscard]] Missed missed(const Coordinates& coordinates, const double* x,
+                              const std::vector<std::size_t>& free) const;
+
+ private:
+  [[nodiscard]] Eigen::Index counted(const Segment& s) const {
+    return s.size() - std::max(settled_, s.lead);
+  }
+  void put(std::size_t segment, const Eigen::ArrayXd& simulated, Eigen::VectorXd& out) const {
+    const Segment& s = segments_[segment];
+    const Eigen::Index from = first_[segment], n = first_[segment + 1] - from;
+    if (n <= 0) return;
+    if (per_sample() == 1) {
+      out.segment(from, n) = ((s.command - s.actual) - simulated).tail(n).matrix();
+      return;
+    }
+    const Eigen::Index first = simulated.size() - n;
+    for (Eigen::Index row = 0; row < n; ++row) {
+      const Eigen::Index k = (first + row) / 2;
+      const double reading = row % 2 == 0 ? s.actual(k) : s.actual_motor(k);
+      out(from + row) = known(from + row) ? s.command(k) - reading - simulated(first + row) : 0.0;
+    }
+  }
+  void center(Eigen::Ref<Eigen::VectorXd> column) const {
+    if (per_sample() == 1) return;
+    double sum = 0.0, count = 0.0;
+    for (Eigen::Index row = 1; row < column.size(); row += 2) {
+      if (known(row)) sum += column(row), count += 1.0;
+    }
+    for (Eigen::Index row = 1; row < column.size(); row += 2)
+      column(row) = known(row) ? column(row) - sum / count : 0.0;
+  }
+
+  const std::vector<Segment>& segments_;
+  Eigen::Index settled_ = 0;
+  Outputs outputs_ = Outputs::kRecorded;
+  std::vector<Eigen::Index> first_{0};  // row of every segment
+  std::vector<bool> motor_is_known_;
+};
+
+Missed Readings::missed(const Coordinates& coordinates, const double* x,
+                        const std::vector<std::size_t>& free) const {
+  const Model model = coordinates.model(x);
+  if (!why_invalid(model).empty()) return {};
+  const std::vector<Model> all = coordinates.directions(x);
+  std::vector<Model> directions;
+  for (const std::size_t i : free) directions.push_back(all[i]);
+  Missed out;
+  out.r.resize(rows());
+  out.by.setZero(rows(), static_cast<Eigen::Index>(all.size()));
+  const bool has_play = plays(model);
+  // One task for every segment and every pass over it.
+  const std::size_t passes = (directions.size() + kParametersPerPass - 1) / kParametersPerPass;
+  in_parallel(segments_.size() * passes, [&](std::size_t task) {
+    const std::size_t i = task / passes, first = task % passes * kParametersPerPass;
+    const Segment& s = segments_[i];
+    const Eigen::Index n = first_[i + 1] - first_[i];
+    if (n <= 0) return;
+    const auto some = std::span<const Model>(directions)
+                          .subspan(first, std::min(kParametersPerPass, directions.size() - first));
+    const Simulated simulated =
+        has_play ? by_differences(model, some, s, outputs_) : simulate(model, some, s, outputs_);
+    if (first == 0) put(i, simulated.error, out.r);
+    for (std::size_t c = 0; c < some.size(); ++c)
+      out.by.col(static_cast<Eigen::Index>(free[first + c])).segment(first_[i], n) =
+          -simulated.by.col(static_cast<Eigen::Index>(c)).tail(n);
+  });
+  center(out.r);
+  for (const std::size_t i : free) center(out.by.col(static_cast<Eigen::Index>(i)));
+  return out;
+}
+
+/// The likelihood of every output's readings.
+class Likelihoods {
+ public:
+  /// With the deviations under which these are most probable. Of the motor's encoder the step is
+  /// part of its deviation.
+  Likelihoods(const Readings& readings, const Eigen::VectorXd& r, double encoder_step) {
+    for (Eigen::Index output = 0; output < readings.per_sample(); ++output) {
+      const double step = output == 0 ? encoder_step : 0.0;
+      const double sigma = most_probable_sigma(readings.of(output, r), step);
+      sigmas_.push_back(output == 0 ? sigma : std::max(sigma, kLeastMotorSigma * sigmas_[0]));
+      of_output_.emplace_back(step, sigmas_.back());
+    }
+  }
+  [[nodiscard]] double sigma(std::size_t output = 0) const { return sigmas_[output]; }
+  [[nodiscard]] const ReadingLikelihood& of(Eigen::Index row) const {
+    return of_output_[static_cast<std::size_t>(row) % of_output_.size()];
+  }
+  [[nodiscard]] double minus_log_likelihood(const Readings& readings,
+                                            const Eigen::VectorXd& r) const {
+    double sum = 0.0;
+    for (Eigen::Index row = 0; row < r.size(); ++row) {
+      if (readings.known(row)) sum += of(row).minus_log_likelihood(r(row));
+    }
+    return sum;
+  }
+  /// The residuals of least squares for these; `jacobian`, of r, becomes theirs.
+  Eigen::VectorXd weighted(const Eigen::VectorXd& r, Eigen::MatrixXd& jacobian) const {
+    Eigen::VectorXd out(r.size());
+    for (Eigen::Index k = 0; k < r.size(); ++k) {
+      jacobian.row(k) *= of(k).slope(r(k));
+      out(k) = of(k).residual(r(k));
+    }
+    return out;
+  }
+
+ private:
+  std::vector<double> sigmas_;
+  std::vector<ReadingLikelihood> of_output_;
+};
+
+class ReadingCost final : public ceres::CostFunction {
+ public:
+  ReadingCost(const Readings& readings, const Coordinates& coordinates, Eigen::Index parameters,
+              const Likelihoods& likelihoods, const std::vector<std::size_t>& free)
+      : readings_(readings), coordinates_(coordinates), likelihoods_(likelihoods), free_(free) {
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(parameters));
+    set_num_residuals(static_cast<int>(readings.rows()));
+  }
+
+  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
+    const Eigen::Index rows = num_residuals(), count = parameter_block_sizes()[0];
+    const bool derivatives = jacobians != nullptr && jacobians[0] != nullptr;
+    Missed at;
+    if (derivatives) {
+      at = readings_.missed(coordinates_, x[0], free_);
+    } else {
+      at.r = readings_.missed(coordinates_.model(x[0]));
+    }
+    if (at.r.size() != rows || !at.r.allFinite()) return false;
+    for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihoods_.of(k).residual(at.r(k));
+    if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
+    if (!derivatives) return true;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
+    for (Eigen::Index k = 0; k < rows; ++k)
+      jacobian.row(k) = likelihoods_.of(k).slope(at.r(k)) * at.by.row(k);
+    return jacobian.allFinite();
+  }
+
+ private:
+  const Readings& readings_;
+  const Coordinates& coordinates_;
+  const Likelihoods& likelihoods_;
+  const std::vector<std::size_t>& free_;
+};
+
 std::optional<Eigen::MatrixXd> covariance_of(const Coordinates& coordinates,
-                                             const Eigen::VectorXd& x,
-                                             const std::vector<Segment>& segments,
-                                             Eigen::Index settled,
-                                             const ReadingLikelihood& likelihood) {
-  Missed at =
-      missed_with_derivatives(coordinates, x.data(), segments, settled, coordinates.without({}));
+                                             const Eigen::VectorXd& x, const Readings& readings,
+                                             const Likelihoods& likelihoods) {
+  Missed at = readings.missed(coordinates, x.data(), coordinates.without({}));
   if (!at.r.allFinite() || !at.by.allFinite()) return std::nullopt;
-  const Eigen::VectorXd g = weighted(likelihood, at.r, at.by);
+  const Eigen::VectorXd g = likelihoods.weighted(at.r, at.by);
   const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
-  return by_x * robust_covariance(at.by, g, segments.front().sample_time_s) * by_x.transpose();
+  return by_x * robust_covariance(at.by, g, readings.row_s()) * by_x.transpose();
 }
 
 }  // namespace
@@ -439,22 +534,20 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
                                            const OutputErrorOptions& options) {
   if (!why_invalid(start).empty() || segments.empty()) return std::nullopt;
   const Coordinates coordinates(structure, start, length_scale(segments));
-  const Eigen::Index settled = starting_state_samples(start, segments.front());
+  const Readings readings(segments, start);
   Eigen::VectorXd x = coordinates.of(start);
-  Eigen::VectorXd r = missed(start, segments, settled);
+  Eigen::VectorXd r = readings.missed(start);
   if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
   const std::vector<std::size_t> free = coordinates.without(options.held);
 
-  OutputErrorFit fit;
+  std::optional<Likelihoods> likelihoods;
   for (int pass = 0; pass < options.passes; ++pass) {
-    const double before = fit.sigma;
-    fit.sigma = most_probable_sigma(r, options.encoder_step);
-    if (pass > 0 && std::abs(fit.sigma - before) < 0.05 * before) break;
-    const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
+    const double before = likelihoods ? likelihoods->sigma() : 0.0;
+    likelihoods.emplace(readings, r, options.encoder_step);
+    if (pass > 0 && std::abs(likelihoods->sigma() - before) < 0.05 * before) break;
     ceres::Problem problem;
-    problem.AddResidualBlock(
-        new ReadingCost(segments, coordinates, settled, r.size(), x.size(), likelihood, free),
-        nullptr, x.data());
+    problem.AddResidualBlock(new ReadingCost(readings, coordinates, x.size(), *likelihoods, free),
+                             nullptr, x.data());
     for (Eigen::Index i = 0; i < x.size(); ++i) {
       const auto [lower, upper] = coordinates.bounds(i);
       if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
@@ -466,16 +559,18 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem, &summary);
     if (!summary.IsSolutionUsable()) return std::nullopt;
-    r = missed(coordinates.model(x.data()), segments, settled);
+    r = readings.missed(coordinates.model(x.data()));
   }
+  OutputErrorFit fit;
   fit.model = coordinates.model(x.data());
   // Their coordinates are logarithms, and lose the last digit.
   for (const std::size_t place : options.held) fit.model.effects[place] = start.effects[place];
 
-  const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
-  for (const double value : r) fit.minus_log_likelihood += likelihood.minus_log_likelihood(value);
+  fit.sigma = likelihoods->sigma();
+  if (readings.per_sample() > 1) fit.motor_sigma = likelihoods->sigma(1);
+  fit.minus_log_likelihood = likelihoods->minus_log_likelihood(readings, r);
   if (!options.covariance) return fit;
-  auto covariance = covariance_of(coordinates, x, segments, settled, likelihood);
+  auto covariance = covariance_of(coordinates, x, readings, *likelihoods);
   if (!covariance) return std::nullopt;
   fit.covariance = std::move(*covariance);
   return fit;
@@ -486,11 +581,10 @@ std::optional<Eigen::MatrixXd> covariance_at(const std::vector<Segment>& segment
                                              double encoder_step) {
   if (!why_invalid(model).empty() || segments.empty()) return std::nullopt;
   const Coordinates coordinates(structure, model, length_scale(segments));
-  const Eigen::Index settled = starting_state_samples(model, segments.front());
-  const Eigen::VectorXd x = coordinates.of(model), r = missed(model, segments, settled);
+  const Readings readings(segments, model);
+  const Eigen::VectorXd x = coordinates.of(model), r = readings.missed(model);
   if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
-  return covariance_of(coordinates, x, segments, settled,
-                       ReadingLikelihood(encoder_step, most_probable_sigma(r, encoder_step)));
+  return covariance_of(coordinates, x, readings, Likelihoods(readings, r, encoder_step));
 }
 
 std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
@@ -501,28 +595,24 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
   for (const std::vector<Segment>& block : blocks) scale = std::max(scale, length_scale(block));
   const Coordinates coordinates(structure, at, scale);
   const Eigen::VectorXd x = coordinates.of(at);
+  std::vector<Segment> together;
+  std::vector<Readings> readings;
   std::vector<Eigen::VectorXd> left;
-  std::vector<double> all;
   for (const std::vector<Segment>& block : blocks) {
-    left.push_back(block.empty() ? Eigen::VectorXd()
-                                 : missed(at, block, starting_state_samples(at, block.front())));
+    together.insert(together.end(), block.begin(), block.end());
+    readings.emplace_back(block, at);
+    left.push_back(readings.back().missed(at));
     if (!left.back().allFinite()) return out;
-    all.insert(all.end(), left.back().begin(), left.back().end());
   }
-  if (all.size() <= static_cast<std::size_t>(x.size())) return out;
-  const ReadingLikelihood likelihood(
-      encoder_step, most_probable_sigma(Eigen::Map<const Eigen::VectorXd>(
-                                            all.data(), static_cast<Eigen::Index>(all.size())),
-                                        encoder_step));
+  const Readings of_all(together, at);
+  if (of_all.rows() <= x.size()) return out;
+  const Likelihoods likelihoods(of_all, of_all.missed(at), encoder_step);
   const std::vector<std::size_t> every = coordinates.without({});
   std::vector<NormalEquations> equations(blocks.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
-    Missed block{Eigen::VectorXd(), Eigen::MatrixXd::Zero(0, x.size())};
-    if (left[b].size() > 0)
-      block = missed_with_derivatives(coordinates, x.data(), blocks[b],
-                                      starting_state_samples(at, blocks[b].front()), every);
+    Missed block = readings[b].missed(coordinates, x.data(), every);
     if (block.r.size() != left[b].size() || !block.by.allFinite()) return out;
-    const Eigen::VectorXd g = weighted(likelihood, block.r, block.by);
+    const Eigen::VectorXd g = likelihoods.weighted(block.r, block.by);
     equations[b] = normal_equations(block.by, g);
   }
   const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
@@ -531,10 +621,9 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
     double sum = 0.0;
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       if (b == without || left[b].size() == 0) continue;
-      const Eigen::VectorXd r =
-          missed(model, blocks[b], starting_state_samples(at, blocks[b].front()));
+      const Eigen::VectorXd r = readings[b].missed(model);
       if (r.size() != left[b].size() || !r.allFinite()) return kInfinite;
-      for (const double value : r) sum += likelihood.minus_log_likelihood(value);
+      sum += likelihoods.minus_log_likelihood(readings[b], r);
     }
     return sum;
   };

@@ -12,6 +12,9 @@
 // probability of that reading if the simulation has the standard deviation sigma. For sigma much
 // larger than q this is ordinary least squares; for an accurate simulation and a coarse encoder it
 // is much more precise, because the times at which the reading changes carry the information.
+// An axis of two masses whose recording has the readings of the motor's encoder as well
+// (`actual_motor`) is fitted to both, each with its own deviation. The difference of their zeros is
+// free.
 #pragma once
 
 #include <Eigen/Core>
@@ -37,6 +40,7 @@ struct OutputErrorOptions {
 struct OutputErrorFit {
   Model model;
   double sigma = 0.0;                 ///< residual deviation without quantisation [m | rad]
+  double motor_sigma = kAbsent;       ///< that of the motor's readings, where they were used
   double minus_log_likelihood = 0.0;  ///< over all readings, at this sigma
   /// Of all parameters: numerator, coefficients, a1..an, shapes and so on (as `covariance` of the
   /// pole search), and after them slope, curve and zeta_slope of every mode

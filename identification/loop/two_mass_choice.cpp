@@ -48,10 +48,14 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
   const auto halves = split(training, kFittedShare);
   const std::vector<Segment>& fitted = halves.first;
   const std::vector<Segment> validation = with_lead_in(halves.second, training);
-  // Play outside the loop is not told from an error of the reading by one encoder alone.
-  const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
-                                       kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),
-                                       kind_of<PlayLoadEncoder>()};
+  std::vector<std::size_t> kinds{kind_of<TwoMassLoadEncoder>(), kind_of<PlayLoadEncoder>()};
+  // What is recorded beside the motor's encoder is that of the load. By one encoder alone play
+  // outside the loop is not told from an error of the reading.
+  if (std::all_of(training.begin(), training.end(),
+                  [](const Segment& s) { return s.actual_motor.size() == s.size(); }))
+    kinds.insert(kinds.end(), {kind_of<TwoMassOutside>(), kind_of<PlayOutside>()});
+  else
+    kinds.insert(kinds.begin(), {kind_of<TwoMassMotorEncoder>(), kind_of<PlayMotorEncoder>()});
   std::optional<JointFit> rigid;
   std::vector<TwoMassFit> all;
   // A rigid loop takes over a part of the vibration, with an integrator that the drive need not

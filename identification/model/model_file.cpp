@@ -165,7 +165,9 @@ std::optional<LoopCovariance> covariance_from(const json& loop, int order) {
 }
 
 json figures(const ErrorFigures& f) {
-  return {{"rms_m", number_or_null(f.rms)}, {"max_m", number_or_null(f.max)}};
+  json out = {{"rms_m", number_or_null(f.rms)}, {"max_m", number_or_null(f.max)}};
+  if (std::isfinite(f.motor_rms)) out["motor_rms_m"] = f.motor_rms;
+  return out;
 }
 
 ErrorFigures figures_from(const json& fit, const char* key) {
@@ -178,7 +180,7 @@ ErrorFigures figures_from(const json& fit, const char* key) {
              "must lie between 0 and 1e+06, is " + (*found)[name].dump());
     return value;
   };
-  return {figure("rms_m"), figure("max_m")};
+  return {figure("rms_m"), figure("max_m"), figure("motor_rms_m")};
 }
 
 /// The values of a mode in the file, and how to get at them.

@@ -21,6 +21,9 @@ namespace servotwin {
 struct ErrorFigures {
   double rms = kAbsent;
   double max = kAbsent;
+  /// The RMS of the same at the motor, about its mean: of two masses whose motor has an encoder of
+  /// its own.
+  double motor_rms = kAbsent;
 };
 
 /// Standard deviations of an effect's parameters, in the order of the effect; NaN where not

@@ -65,7 +65,7 @@ Effect effect_of(std::size_t kind) {
     if (p.unit == "m") value = kind == kind_of<EncoderError>() ? 1e-6 : 2e-5;
     if (p.name == "growth" && p.unit == "1") value = 1e-4;
     if (kind == kind_of<LeadError>() && p.name == "slope") value = 1e-4;
-    if (kind == kind_of<TorqueSaturation>()) value = 0.3;
+    if (limits_motor(kind)) value = 0.3;
     out.coefficient[i++] = value;
   }
   return out;
@@ -120,11 +120,12 @@ std::vector<Direction> directions_of(const Model& model) {
   return out;
 }
 
-Eigen::ArrayXd difference(const Model& model, const Model& along, const Segment& segment) {
+Eigen::ArrayXd difference(const Model& model, const Model& along, const Segment& segment,
+                          Outputs outputs = Outputs::kRecorded) {
   const auto at = [&](double share) {
     Model moved = model;
     each_parameter(moved, along, [share](double& x, double by) { x += share * by; });
-    return simulate(moved, segment);
+    return simulate(moved, segment, outputs);
   };
   return (at(kStep) - at(-kStep)) / (2.0 * kStep);
 }
@@ -136,11 +137,14 @@ void expect_derivatives(const Model& model, const std::string& what) {
     const std::vector<Direction> all = directions_of(model);
     std::vector<Model> directions;
     for (const Direction& one : all) directions.push_back(one.along);
-    const Simulated out = simulate(model, directions, segment);
-    EXPECT_TRUE((out.error == simulate(model, segment)).all()) << what;
+    const Simulated out = simulate(model, directions, segment, Outputs::kBoth);
+    EXPECT_TRUE((out.error == simulate(model, segment, Outputs::kBoth)).all()) << what;
+    const Eigen::ArrayXd recorded = out.error(Eigen::seqN(0, segment.size(), 2));
+    EXPECT_TRUE((recorded == simulate(model, segment)).all()) << what;
     for (std::size_t i = 0; i < all.size(); ++i) {
       const Eigen::ArrayXd by = out.by.col(static_cast<Eigen::Index>(i)).array();
-      const double apart = (by - difference(model, all[i].along, segment)).matrix().norm();
+      const double apart =
+          (by - difference(model, all[i].along, segment, Outputs::kBoth)).matrix().norm();
       EXPECT_LT(apart, kRelativeTolerance * by.matrix().norm() + kNoise_m)
           << what << ", " << all[i].name << (moving ? ", from within a motion" : ", from rest");
     }
