@@ -286,8 +286,8 @@ std::string moved_text(const Moved& moved, bool rotary) {
 
 bool means_something(const Effect& effect, const Parameter& shape, const Model& model) {
   constexpr double kNyquist = 0.5;  // of the sampling rate
-  if (effect.kind == kind_of<TorqueSaturation>())
-    return model.loop.order == 3 || shape.name != "reset";
+  if (limits_motor(effect.kind) && model.loop.order != 3)
+    return shape.name != "reset" && shape.name != "tracking_s";
   if (effect.kind == kind_of<Compliance>()) return effect.shape[0] * model.sample_time_s < kNyquist;
   return true;
 }

@@ -169,7 +169,7 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
   if (const Effect* old = model.find(replaced); old != nullptr)
     effect.coefficient[0] = old->coefficient[0];
   // Saturation removes all of the torque above the limit: its coefficient is 1 and not fitted.
-  const bool known = kind == kind_of<TorqueSaturation>();
+  const bool known = limits_motor(kind);
   if (known) effect.coefficient[0] = 1.0;
   Change out;
   out.cause = identity_of(kind).cause;

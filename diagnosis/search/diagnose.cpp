@@ -48,7 +48,7 @@ namespace {
 /// 1 where the motor is at its torque limit, from the limit in the model or, without one, from the
 /// recorded torque; empty where neither is known.
 Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::ArrayXd& simulated) {
-  const Effect* limit = model.find(kind_of<TorqueSaturation>());
+  const Effect* limit = motor_limit_of(model);
   if (limit == nullptr) return at_limit(s.torque, s.sample_time_s);
   Signals signals = signals_of(s);
   set_motion(signals, s.command - simulated);

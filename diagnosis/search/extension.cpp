@@ -30,8 +30,8 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
   std::vector<std::size_t> out;
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     const Identity& identity = identity_of(kind);
-    if (identity.cause.empty() || identity.acts == Acts::kCommandDelay ||
-        identity.acts == Acts::kAxis || has(kind) ||
+    if (identity.cause.empty() || !identity.form_of.empty() ||
+        identity.acts == Acts::kCommandDelay || identity.acts == Acts::kAxis || has(kind) ||
         std::find(known.begin(), known.end(), identity.cause) != known.end())
       continue;
     if (std::find(leave_out.begin(), leave_out.end(), identity.cause) != leave_out.end()) continue;

@@ -103,7 +103,7 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
     if (share < kMinShareToEnds || share > 1.0 - kMinShareToEnds) return false;
   }
   // Saturation removes all of the torque above the limit, so that its coefficient must be near 1.
-  const Effect* limit = model.find(kind_of<TorqueSaturation>());
+  const Effect* limit = motor_limit_of(model);
   if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < max_deviation)) return false;
   // A damping ratio above kMaxDamping, more than tables and screws have, can only come from the
   // loop when the frequency is near its poles. Beyond kMaxOverFastestPole times the fastest pole it
@@ -130,6 +130,12 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
         gap->coefficient[1] < kMinPartShare)
       return false;
   }
+  // Viscous friction is some per cent of the gain of the velocity loop, which makes most of the
+  // first denominator coefficient: it cannot fall by more than it was.
+  constexpr double kMaxViscousShare = 0.1;
+  if (const Effect* added = model.find(kind_of<AddedFriction>());
+      added != nullptr && added->coefficient[1] < -kMaxViscousShare * model.loop.denominator[0])
+    return false;
   // A gap is crossed with the gain of the velocity loop, which makes most of the first denominator
   // coefficient: their ratio must lie between these.
   constexpr double kMinGainRatio = 0.3, kMaxGainRatio = 2.0;

@@ -305,6 +305,17 @@ bool Search::fit_friction(Hypothesis& h, const Point& from) {
   return true;
 }
 
+bool Search::fit_elsewhere(Hypothesis& h, const std::vector<Segment>& segments) {
+  PoleSearchOptions options;
+  options.bounds = bounds_;
+  ++fits_;
+  const auto found = joint_fit(segments, h.structure, options, floor_.encoder_step, true);
+  if (!found || !why_invalid(found->model).empty()) return false;
+  h.model = found->model;
+  h.point = point_of(h.model, h.structure);
+  return true;
+}
+
 std::vector<std::vector<double>> Search::starts_of(std::size_t kind,
                                                    const std::vector<double>& shapes) const {
   std::vector<std::vector<double>> out{shapes};
@@ -395,7 +406,7 @@ void Search::judge_as_is(Hypothesis& h) const {
 void Search::judge(Hypothesis& h) const {
   // With saturation nothing is refitted: along a measured motion the limit is estimated wrongly,
   // and the state of the integrator at the start of a cut-out block is not known.
-  if (h.model.find(kind_of<TorqueSaturation>()) != nullptr) return judge_as_is(h);
+  if (motor_limit_of(h.model) != nullptr) return judge_as_is(h);
   if (has_two_masses(h.structure) || has_filter(h.structure)) return judge_polished(h);
   h.pieces.clear();
   // Effects are driven by the motion of the better model, so that a law of friction is not judged

@@ -24,6 +24,9 @@ class Search {
   /// Fits the hypothesis to the training data, starting from these points; from the grid of poles
   /// where `from` is empty. False where there is no valid fit.
   [[nodiscard]] bool fit(Hypothesis& h, const std::vector<Point>& from);
+  /// Fits it to other segments than the training data, and in free simulation. False where there is
+  /// no valid fit.
+  [[nodiscard]] bool fit_elsewhere(Hypothesis& h, const std::vector<Segment>& segments);
   /// The same for a structure with a law of friction, by the steps of identification/loop/joint.h:
   /// from a grid of its shape parameters, along the simulated motion where the encoder is coarse,
   /// and refitted in free simulation.

@@ -29,6 +29,7 @@ void Selector::run() {
   integrator();
   add_filter(kMaxRmsRatioOfMostError, kMinGainOfMostError);
   add_causes();
+  if (begin_with_part()) add_causes();
   if (filter_in_place_of_causes()) add_causes();
   if (add_filter(kMaxRmsRatioClearlyBetter, kMinScreenGain)) {
     ask_again_beside_filter();
@@ -58,8 +59,11 @@ void Selector::add_causes() {
     delay();
     one_law_of_friction();
     integrator();
+    anti_windup();
     // Discard a cause if better values of the other parameters lower the error as much.
-    const bool stays_it = !now_.current.has(added) || !search_.is_plausible(before.current.model) ||
+    const auto one = now_.found.find(last_);
+    const bool stays_it = one == now_.found.end() || !now_.current.has(one->second.kind) ||
+                          !search_.is_plausible(before.current.model) ||
                           search_.is_plausible(now_.current.model);
     if (now_.current.rms() >= kMaxRmsRatioAfterRefit * before.current.rms() || !stays_it) {
       steps_.emplace_back(stays_it

@@ -117,7 +117,11 @@ bool Selector::filter_does_better(Hypothesis mode) {
   }
   search_.polish(mode);
   search_.judge_polished(mode);  // as the filter is judged
-  if (now_.current.rms() < mode.rms()) return true;
+  // A mode claims more, but what has as many parameters has to be clearly better.
+  if (now_.current.rms() < kMaxRmsRatioClearlyBetter * mode.rms()) {
+    filter_for_mode_ = true;
+    return true;
+  }
   back_to(before);
   return false;
 }
@@ -134,6 +138,8 @@ bool Selector::filter_in_place_of_causes() {
   if (now_.current.rms() < before.current.rms()) {
     steps_.push_back(text("a filter of the control does better than these causes: %s RMS",
                           size_of(now_.current.rms()).c_str()));
+    filter_for_mode_ = before.found.count("compliance") > 0 || before.found.count("backlash") > 0;
+    friction_ = 0.0;
     rejected_.clear();
     return true;
   }

@@ -156,4 +156,34 @@ void Selector::integrator() {
   back_to(before);
 }
 
+void Selector::anti_windup() {
+  const auto found = now_.found.find("torque_saturation");
+  if (now_.current.structure.order != 3 || found == now_.found.end()) return;
+  const Effect* limit = motor_limit_of(now_.current.model);
+  if (limit == nullptr || limit->kind != kMotorLimits.front()) return;  // a form was chosen before
+  Hypothesis best = now_.as_is;
+  for (const std::size_t kind : kMotorLimits) {
+    if (kind == limit->kind) continue;
+    Hypothesis h = now_.as_is;
+    std::replace(h.structure.effects.begin(), h.structure.effects.end(), limit->kind, kind);
+    for (Effect& effect : h.model.effects) {
+      if (!limits_motor(effect.kind)) continue;
+      const bool same = shapes_of(kind)[1].name == shapes_of(effect.kind)[1].name;
+      effect.kind = kind;
+      if (!same) effect.shape[1] = shapes_of(kind)[1].start;
+    }
+    options_.begin(identity_of(kind).id);
+    search_.polish(h);
+    search_.judge_as_is(h);
+    if (h.rms() < kMaxRmsRatioToAdd * best.rms() && search_.is_plausible(h.model))
+      best = std::move(h);
+  }
+  const std::size_t kind = motor_limit_of(best.model)->kind;
+  if (kind == limit->kind) return;
+  steps_.push_back(text("  %s: %s RMS", identity_of(kind).id.data(), size_of(best.rms()).c_str()));
+  now_.current = std::move(best);
+  found->second.kind = kind;
+  settle();
+}
+
 }  // namespace servotwin

@@ -85,6 +85,8 @@ bool Selector::part_masses() {
 bool Selector::may_have_two_masses() const {
   if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
   if (now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0) return true;
+  // Two masses leave less than either where a filter stands for a load on a spring.
+  if (filter_for_mode_ && now_.current.has(kind_of<ControlFilter>())) return true;
   // As for a single cause: what is left may be the misfit of the law of friction.
   const double misfit = std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
   if (!(now_.current.rms() > misfit)) return false;
@@ -103,11 +105,18 @@ bool Selector::may_have_two_masses() const {
 
 std::vector<std::size_t> Selector::two_mass_kinds() const {
   const bool reading = Channels(search_.recorded(), options_.encoder_in_loop).reading;
+  // What is recorded beside the motor's encoder is that of the load.
+  const std::vector<Segment>& all = search_.recorded();
+  const bool has_motor = std::all_of(
+      all.begin(), all.end(), [](const Segment& s) { return s.actual_motor.size() == s.size(); });
   std::vector<std::size_t> kinds;
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     // Play in front of an encoder outside the loop is an effect on its reading.
     const bool asked =
         kind != kind_of<PlayOutside>() && (reading || kind != kind_of<TwoMassOutside>());
+    if (has_motor &&
+        (kind == kind_of<TwoMassMotorEncoder>() || kind == kind_of<PlayMotorEncoder>()))
+      continue;
     if (acts_on_axis(kind) && asked && !options_.leaves_out(cause_of(kind))) kinds.push_back(kind);
   }
   return kinds;

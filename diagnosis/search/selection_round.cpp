@@ -1,5 +1,6 @@
 // One round of the search for causes: which candidates are fitted, and which of them is added.
 #include <algorithm>
+#include <cmath>
 
 #include "diagnosis/search/selector.h"
 #include "diagnosis/statistics/thresholds.h"
@@ -163,6 +164,8 @@ void Selector::fit_some(const std::vector<Screened>& promising, std::size_t coun
     const Point from = start_of(h.structure, s);
     fits = s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
     if (fits) search_.judge(h);
+    // A limit that takes more than there is, as it may along a measured motion, runs away.
+    fits = fits && std::isfinite(h.rms());
     varies = search_.vary(beside, now_.current.model, s.kind, s.shapes);
   });
 }

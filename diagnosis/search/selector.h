@@ -76,6 +76,23 @@ class Selector {
   /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
   /// part of the loop beside which causes are searched; a missing cause may have hidden it.
   void integrator();
+  /// What the integrator does at the limit of the motor: takes the form of the limit that leaves
+  /// least.
+  void anti_windup();
+  // Where much stays unexplained, the loop that was fitted to all motion may be that of an axis
+  // which the cause has changed, from which no fit leads to the true one.
+  /// Fits the loop to a part of the motion that the cause does not reach, and the cause beside it:
+  /// a limit of the motor to the motion without hard accelerations, and what sets in at some time
+  /// to the motion before. True where that is clearly better: the causes found before are
+  /// forgotten.
+  bool begin_with_part();
+  /// The loop of a part; nothing where it does not leave much less there than the present model.
+  [[nodiscard]] std::optional<Hypothesis> loop_of_part(const std::vector<Segment>& part,
+                                                       const std::string& name);
+  bool limit_beside(const Hypothesis& loop);
+  bool change_beside(const Hypothesis& loop);
+  /// Refits these and makes the best the present model, with its last effect as the cause.
+  bool best_beside(std::vector<Hypothesis> tried);
 
   // A filter of the control: part of the loop, and no cause.
   /// Adds one where much is left and the screen forecasts that it explains `min_gain` of the
@@ -86,7 +103,7 @@ class Selector {
   [[nodiscard]] Hypothesis with_filter(const Screened& screened);
   /// Refits in free simulation until that hardly helps any more.
   void converge(Hypothesis& h);
-  /// Replaces a mode by a filter, which has as many parameters, where that fits better.
+  /// Replaces a mode by a filter, which has as many parameters, where that fits clearly better.
   bool filter_does_better(Hypothesis mode);
   /// Where the filter alone leaves less than all causes found: takes it in their place.
   bool filter_in_place_of_causes();
@@ -168,6 +185,7 @@ class Selector {
   const DiagnoseOptions& options_;
   Hypothesis settled_;
   std::optional<Hypothesis> undelayed_;
+  bool filter_for_mode_ = false;        // a filter has taken the place of a mode or a gap
   std::optional<Hypothesis> filtered_;  // a filter before any cause, which was too little alone
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS before any cause [m | rad]

@@ -14,7 +14,7 @@ constexpr Eigen::Index kLags = 6, kFirst = 5, kColumns = kFirst + 2 * kLags;
 constexpr double kLag_s = 1e-3;         // between two lags, or a sampling time
 constexpr double kSpan_s = 2e-3;        // to each side, of velocity and acceleration
 constexpr double kSignBefore_s = 4e-3;  // of the friction's feed-forward, behind filters
-constexpr Eigen::Index kMostRows = 30'000, kRowsPerColumn = 20;
+constexpr Eigen::Index kMostRows = 30'000, kRowsPerLawColumn = 20;
 
 using Row = Eigen::Matrix<double, 1, kColumns>;
 
@@ -95,7 +95,7 @@ std::vector<Eigen::ArrayXd> asked_torque(
     mean.torque /= std::max(1.0, mean.count);
   }
   const auto count = static_cast<Eigen::Index>(places.size());
-  if (count < kRowsPerColumn * kColumns) return {};
+  if (count < kRowsPerLawColumn * kColumns) return {};
   // Not every n-th sample, which a periodic motion may always have at the same places.
   constexpr Eigen::Index kSpread = 7919;  // a prime
   const Eigen::Index every = 1 + (count - 1) / kMostRows, rows = count / every;
