@@ -31,6 +31,7 @@ struct Options {
   std::vector<std::string> leave_out;
   int jobs = 1, floor = 0;
   bool gaps = false;
+  Class size = Class::kClear;
   Recorded recorded = Torque::kHalf;
   std::string list, write;
 };
@@ -71,7 +72,7 @@ std::vector<Job> jobs_of(const Options& options) {
   for (const std::string& id : effect_ids()) {
     if (!wanted(id)) continue;
     add(Kind::kSingle, options.cases,
-        [=, &options](int i) { return single_case(part, id, Class::kClear, i, options.recorded); });
+        [=, &options](int i) { return single_case(part, id, options.size, i, options.recorded); });
     add(Kind::kFaint, options.faint,
         [=, &options](int i) { return single_case(part, id, Class::kFaint, i, options.recorded); });
   }
@@ -180,6 +181,10 @@ int run(int argc, char** argv) {
   app.add_option("part", options.part, "dev: for development; test: for measurements")
       ->check(CLI::IsMember({"dev", "test"}));
   app.add_option("--cases", options.cases, "clear cases of every effect")->check(count);
+  app.add_option("--size", options.size,
+                 "of these: clear (default), or large: at least 50 times the noise")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Class>{{"clear", Class::kClear}, {"large", Class::kLarge}}));
   app.add_option("--clean", options.clean, "clean machines")->check(count);
   app.add_option("--pairs", options.pairs, "machines with two effects")->check(count);
   app.add_option("--faint", options.faint, "faint cases of every effect")->check(count);
@@ -211,6 +216,8 @@ int run(int argc, char** argv) {
           {"none", Torque::kNone}, {"half", Torque::kHalf}, {"all", Torque::kAll}}));
   app.add_flag("--motor-encoder", options.recorded.motor,
                "recordings of an encoder at the load also contain that of the motor");
+  app.add_flag("--windups", options.recorded.windups,
+               "at its force limit the control treats its integrator in one of three ways");
   app.add_flag("--filtered", options.recorded.filtered,
                "the control of every machine has a filter or a current loop that lags");
   app.add_option("--list", options.list, "file for one line about every case");

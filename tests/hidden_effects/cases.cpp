@@ -92,7 +92,7 @@ struct Wish {
   std::vector<std::string> ids;
   Class size = Class::kClear;
   bool blind = false;
-  bool torque = false, motor = false, filtered = false;
+  bool torque = false, motor = false, filtered = false, windups = false;
 };
 
 /// The motor's encoder as the other one reads; empty where the other one is the motor's.
@@ -139,12 +139,13 @@ Needs needs_of(const Wish& wish) {
 
 double target_of(Part part, Class size, Random& random) {
   if (size == Class::kFaint) return random.log_between(1.2, 2.6);
+  if (size == Class::kLarge) return random.log_between(60.0, 300.0);
   return random.log_between(6.0, part == Part::kDev ? 30.0 : 40.0);
 }
 
 bool in_class(Class size, double ratio) {
   if (size == Class::kFaint) return ratio >= kFaintFrom && ratio <= kFaintTo;
-  return ratio >= kClearFrom && std::isfinite(ratio);
+  return ratio >= (size == Class::kLarge ? kLargeFrom : kClearFrom) && std::isfinite(ratio);
 }
 
 /// One drawn machine; nothing if its effects do not reach the wanted class.
@@ -157,6 +158,12 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
   if (hides("backlash"))
     scene.rig.body.spring_frequency_hz = kContactFrequency, scene.rig.body.damping_ratio = 0.1;
 
+  if (wish.windups && hides("torque_saturation")) {
+    Random windup(seed + 3);
+    scene.rig.drive.anti_windup = static_cast<IntegratorAtLimit>(windup.below(3));
+    // Between a few cycles of the control and the integrator's own time.
+    scene.rig.drive.tracking_time = windup.log_between(2e-3, 0.1);
+  }
   if (wish.filtered) filter_control(scene.rig.drive, scene.rig.body.mass, Random(seed + 2));
 
   const Trace clean = simulate(scene.rig, scene.command);
@@ -220,7 +227,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
                           .parameters = hidden[i].parameters(sizes[i]),
                           .contribution_rms = contribution,
                           .difference_rms = rms_apart(exact, others),
-                          .clear = wish.size == Class::kClear,
+                          .clear = wish.size != Class::kFaint,
                           .observable = !wish.blind});
   }
 
@@ -248,6 +255,7 @@ Case make_case(Part part, Wish wish, const Recorded& recorded, const std::string
       recorded.torque == Torque::kAll || (recorded.torque == Torque::kHalf && seed % 2 == 1);
   wish.motor = recorded.motor;
   wish.filtered = recorded.filtered;
+  wish.windups = recorded.windups;
   Random random(seed);
   for (int i = 0; i < kMaxMachines; ++i) {
     if (std::optional<Case> found = try_machine(part, wish, random, seed)) {
@@ -322,7 +330,10 @@ Case clean_case(Part part, int index, const Recorded& recorded) {
 
 Case single_case(Part part, const std::string& id, Class size, int index,
                  const Recorded& recorded) {
-  return make_case(part, {{id}, size}, recorded, size == Class::kClear ? id : "faint-" + id, index);
+  const std::string prefix = size == Class::kFaint   ? "faint-"
+                             : size == Class::kLarge ? "large-"
+                                                     : "";
+  return make_case(part, {{id}, size}, recorded, prefix + id, index);
 }
 
 Case pair_case(Part part, int index, const Recorded& recorded) {

@@ -25,7 +25,7 @@
 namespace servotwin::hidden_effects {
 
 enum class Part { kDev, kTest };
-enum class Class { kClear, kFaint };
+enum class Class { kClear, kFaint, kLarge };
 /// Which recordings contain the motor's torque; kHalf: those whose seed is odd. All else in them
 /// is the same.
 enum class Torque { kNone, kHalf, kAll };
@@ -38,10 +38,14 @@ struct Recorded {
   Torque torque;
   bool motor;
   bool filtered = false;
+  /// The control of a machine that reaches its force limit stops its integrator in one of three
+  /// ways, not always in the first; all else is the same.
+  bool windups = false;
 };
 
 inline constexpr double kClearFrom = 5.0;                  // of the noise
 inline constexpr double kFaintFrom = 1.0, kFaintTo = 3.0;  // of the noise
+inline constexpr double kLargeFrom = 50.0;                 // of the noise
 
 struct Truth {
   std::string id;

@@ -70,6 +70,20 @@ INSTANTIATE_TEST_SUITE_P(LongDev, AHiddenEffect,
                                          "viscous_drift"),
                          [](const auto& test) { return std::string(test.param); });
 
+// From 50 times the noise on, the loop that is fitted to all motion is a compromise between two
+// machines: friction, a delay and impulses had been named for this gain.
+TEST(LongALargeChange, OfTheGainIsFoundByTheLoopOfWhatWasBefore) {
+  const Case asked = single_case(Part::kDev, "gain_change", Class::kLarge, 300);
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_EQ(answer.verdict, "explained");
+  ASSERT_THAT(named(answer, asked), testing::ElementsAre("gain_change"));
+  for (const char* key : {"ratio", "time_s"})
+    EXPECT_NEAR(answer.causes.front().parameters.at(key) / asked.hidden.front().parameters.at(key),
+                1.0, 0.02)
+        << key;
+}
+
 // A load on a spring with its friction on it: none of these was explained by a twin of one mass.
 class ALoadOnASpring : public testing::TestWithParam<int> {};
 

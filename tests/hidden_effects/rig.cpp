@@ -256,9 +256,20 @@ class Controller {
     const double wanted = drive_.velocity_gain * error + integral_ +
                           drive_.acceleration_feedforward * command.acceleration;
     const double force = std::clamp(wanted, -drive_.force_limit, drive_.force_limit);
-    // Anti-windup: the integrator is held while limited, unless the error reduces the force.
-    if (drive_.integral_time > 0.0 && (wanted - force) * error <= 0.0) {
-      integral_ += drive_.velocity_gain / drive_.integral_time * kPeriod * error;
+    if (drive_.integral_time > 0.0) {
+      const double rate = drive_.velocity_gain / drive_.integral_time * error;
+      const bool limited = force != wanted;
+      switch (drive_.anti_windup) {
+        case IntegratorAtLimit::kClamping:
+          if ((wanted - force) * error <= 0.0) integral_ += kPeriod * rate;
+          break;
+        case IntegratorAtLimit::kHolding:
+          if (!limited) integral_ += kPeriod * rate;
+          break;
+        case IntegratorAtLimit::kTracking:
+          integral_ += kPeriod * (rate + (force - wanted) / drive_.tracking_time);
+          break;
+      }
     }
     return force;
   }

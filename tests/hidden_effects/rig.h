@@ -17,6 +17,9 @@
 //
 //   w = Kp (r - y) + Kvff r' - v,   u = clamp(Kv w + I + Maff r''),   I' = Kv / Tn w
 //
+// While u is limited, I stops, unless w leads back below the limit (kClamping), or it stops in any
+// case (kHolding), or it is led back by (u - what was wanted) / tracking_time (kTracking).
+//
 // r is the command behind two equal poles where command_filter_hz is not 0; the force follows u
 // with current_lag.
 //
@@ -87,6 +90,9 @@ struct Body {
 
 enum class Encoder { kMotor, kLoad };
 
+/// What the integrator does at the limit of the force.
+enum class IntegratorAtLimit { kClamping, kHolding, kTracking };
+
 struct Drive {
   double position_gain = 100.0;   ///< Kp [1/s]
   double velocity_gain = 40'000;  ///< Kv [N s/m]
@@ -94,8 +100,10 @@ struct Drive {
   double velocity_feedforward = 0.0;
   double acceleration_feedforward = 0.0;  ///< Maff [kg]
   double force_limit = kNever;            ///< [N]
-  double command_filter_hz = 0.0;         ///< 0: none
-  double current_lag = 0.0;               ///< of the current loop, first order [s]
+  IntegratorAtLimit anti_windup = IntegratorAtLimit::kClamping;
+  double tracking_time = 0.02;     ///< of kTracking [s]
+  double command_filter_hz = 0.0;  ///< 0: none
+  double current_lag = 0.0;        ///< of the current loop, first order [s]
   Encoder position_from = Encoder::kMotor;
   double gain_ratio = 1.0;    ///< of Kp, from gain_time on
   double gain_time = kNever;  ///< [s]
