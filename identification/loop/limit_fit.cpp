@@ -93,11 +93,11 @@ LimitFit with_motor_limit(const Model& loop, std::size_t form,
   try {
     double found = 0.0;
     optimizer.optimize(x, found);
-    if (found < least) best = x, least = found;
+    if (found < least) best = x;
   } catch (const std::runtime_error&) {  // its steps have become too small: the best stays
   }
-  least = sought.rms_at(best.data());
-  return {sought.model, least};
+  const double rms = sought.rms_at(best.data());
+  return {sought.model, rms};
 }
 
 }  // namespace servotwin
