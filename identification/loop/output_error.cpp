@@ -311,9 +311,9 @@ struct Missed {
 
 /// Of the motor, from which on they count: fewer do not tell how well it is simulated.
 constexpr std::ptrdiff_t kFewestReadings = 300;
-/// The least deviation of the motor's readings over that of the recorded encoder's: they may all be
-/// of a rest, on one step.
-constexpr double kLeastMotorSigma = 1e-2;
+/// Deviation of the motor's readings over that of the recorded encoder's, at least: readings that
+/// are all of one rest, on one step, would have none.
+constexpr double kMinMotorSigmaRatio = 1e-2;
 
 /// What the encoders of some segments say of a model: of the recorded one, and on an axis of two
 /// masses also of the motor's where every segment has it. One row per sample that counts (those
@@ -450,7 +450,7 @@ class Likelihoods {
     for (Eigen::Index output = 0; output < readings.per_sample(); ++output) {
       const double step = output == 0 ? encoder_step : 0.0;
       const double sigma = most_probable_sigma(readings.of(output, r), step);
-      sigmas_.push_back(output == 0 ? sigma : std::max(sigma, kLeastMotorSigma * sigmas_[0]));
+      sigmas_.push_back(output == 0 ? sigma : std::max(sigma, kMinMotorSigmaRatio * sigmas_[0]));
       of_output_.emplace_back(step, sigmas_.back());
     }
   }

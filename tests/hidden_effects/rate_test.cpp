@@ -1,7 +1,7 @@
 // A fixed set of recordings of the development part, diagnosed as a user would: how many of the
 // hidden effects are named first. Chosen are, of the indices 200 to 206, those that are diagnosed
-// in the shortest time, whatever the answer. What the program is worth on machines that nobody has
-// looked at is measured by the program hidden_effects (docs/measurements.md 11).
+// in the shortest time, whatever the answer. The rate on machines that were never seen before is
+// measured by the program hidden_effects (docs/measurements.md 11).
 #include <gmock/gmock.h>
 
 #include <atomic>
