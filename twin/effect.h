@@ -62,6 +62,9 @@ struct MotionOf {
   /// Force of the model's friction law over its coefficient: between -1 and 1, or up to the
   /// breakaway ratio; kNoLaw if there is no law.
   S friction = kNoLaw;
+  /// The part of the disturbance that is no force on the axis but the control's own
+  /// (Identity::of_control).
+  S of_control = 0.0;
   /// With an integrator: the rate of `demand` by position (a3 e - c2 x_r') and its part by velocity
   /// (a1 e'), which the integrator of the velocity loop integrates as well; else 0.
   S demand_rate = 0.0, demand_damping = 0.0;
@@ -109,6 +112,9 @@ struct Identity {
   /// On an axis of two masses: acts on the motor. All other forces act on the load, those of
   /// friction by the axis' share on each.
   bool on_motor = false;
+  /// Stands for what the control does beside its linear loop, and not for a force on the axis: the
+  /// motor gives less, or more, by it.
+  bool of_control = false;
   /// Depends on the time of its recording, or on a signal that a twin stepped live does not get:
   /// it describes that recording and predicts no other motion.
   bool of_its_recording = false;

@@ -69,7 +69,7 @@ class Resolution {
 /// The same for all of a body's motion at the end of a step.
 inline void resolve_motion(const Resolution& resolve, MotionOf<TwinDual>& m) noexcept {
   for (TwinDual* x : {&m.position, &m.velocity, &m.displacement, &m.acceleration, &m.tracking_error,
-                      &m.demand, &m.friction, &m.demand_rate, &m.demand_damping})
+                      &m.demand, &m.friction, &m.of_control, &m.demand_rate, &m.demand_damping})
     resolve(*x);
 }
 

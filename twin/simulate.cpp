@@ -94,11 +94,14 @@ bool stands(const Eigen::ArrayXd& readings) {
   return (readings == low || readings == high).all();
 }
 
-/// The axis without forces and play.
+/// The axis without forces and play. It keeps its delay: modes that change with position are
+/// placed by the delayed command.
 template <class S>
 ModelOf<S> linear_part(const ModelOf<S>& model) {
   ModelOf<S> out = model;
-  out.effects.clear();
+  std::erase_if(out.effects, [](const EffectOf<S>& effect) {
+    return identity_of(effect.kind).acts != Acts::kCommandDelay;
+  });
   if (const EffectOf<S>* two_mass = two_mass_of(model))
     out.effects.push_back(without_play(*two_mass));
   return out;
@@ -206,12 +209,15 @@ void simulate_with(const ModelOf<S>& model, const Model& values, const Segment& 
       for (std::size_t i = 0; i < state.size(); ++i) state[i] += correction[i];
     }
   }
-  const auto per_sample = static_cast<Eigen::Index>(outputs);
   run<S>(twin, segment, n, input, state,
          [&](Eigen::Index k, const S& error, const TwinOf<S>& there) {
-           keep(per_sample * k, error);
-           if (outputs == Outputs::kBoth)
-             keep(per_sample * k + 1, S(segment.command(k) - there.motor_position()));
+           const Eigen::Index row = outputs.per_sample() * k;
+           keep(row, error);
+           if (outputs.motor) keep(row + 1, S(segment.command(k) - there.motor_position()));
+           if (outputs.torque) {
+             keep(row + outputs.torque_at(), there.motor_force());
+             keep(row + outputs.torque_at() + 1, there.motor_velocity());
+           }
          });
 }
 
@@ -238,7 +244,7 @@ bool moves_command(const Model& direction) {
 
 /// Along a motion that chatters in a gap a derivative can grow without bounds, though the motion
 /// does not: the derivative of the error by a parameter, for a change as large as the parameter,
-/// over the largest error [1].
+/// over the largest value of that output [1].
 constexpr double kMaxRelativeDerivative = 1e4;
 
 constexpr Eigen::Index kFewestSamples = 4;  // for a cubic through the command
@@ -270,7 +276,7 @@ Eigen::Index starting_state_samples(const Model& model, const Segment& segment) 
 }
 
 Eigen::ArrayXd simulate(const Model& model, const Segment& segment, Outputs outputs) {
-  const Eigen::Index rows = static_cast<Eigen::Index>(outputs) * segment.size();
+  const Eigen::Index rows = outputs.per_sample() * segment.size();
   if (segment.size() < kFewestSamples) {
     const Twin checked(model);
     return Eigen::ArrayXd::Zero(rows);
@@ -283,7 +289,7 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment, Outputs outp
 
 Simulated simulate(const Model& model, std::span<const Model> directions, const Segment& segment,
                    Outputs outputs) {
-  const Eigen::Index rows = static_cast<Eigen::Index>(outputs) * segment.size();
+  const Eigen::Index rows = outputs.per_sample() * segment.size();
   const auto count = static_cast<Eigen::Index>(directions.size());
   if (segment.size() < kFewestSamples || count == 0)
     return {simulate(model, segment, outputs), Eigen::MatrixXd::Zero(rows, count)};
@@ -305,14 +311,21 @@ Simulated simulate(const Model& model, std::span<const Model> directions, const 
                       out.by(row, some[i] - directions.data()) = error.by[i];
                   });
   }
-  const double largest = out.error.abs().maxCoeff();
+  Eigen::ArrayXd largest(outputs.per_sample());
+  const auto of_output = [&](Eigen::Index output) {
+    return Eigen::seqN(output, segment.size(), outputs.per_sample());
+  };
+  for (Eigen::Index output = 0; output < largest.size(); ++output)
+    largest(output) = out.error(of_output(output)).abs().maxCoeff();
   for (Eigen::Index i = 0; i < count; ++i) {
     const Model& direction = directions[static_cast<std::size_t>(i)];
     const double rate = relative_rate(model, direction);
     if (!(rate > 0.0)) continue;
-    if (out.by.col(i).allFinite() &&
-        out.by.col(i).cwiseAbs().maxCoeff() <= kMaxRelativeDerivative * rate * largest)
-      continue;
+    bool bounded = out.by.col(i).allFinite();
+    for (Eigen::Index output = 0; bounded && output < largest.size(); ++output)
+      bounded = out.by.col(i)(of_output(output)).cwiseAbs().maxCoeff() <=
+                kMaxRelativeDerivative * rate * largest(output);
+    if (bounded) continue;
     out.by.col(i) = difference(model, direction, segment, outputs, out.error);
   }
   return out;

@@ -67,9 +67,12 @@ TwinOf<S>::TwinOf(const ModelOf<S>& model) {
   if (plays(model))
     longest_part_s = std::min(
         longest_part_s, kLargestStepInPlay_rad / value_of(two_mass_parameters(*two_mass).omega));
-  linear_.parts = model.effects.empty()
-                      ? 1
-                      : static_cast<int>(std::ceil(model.sample_time_s / longest_part_s - 1e-9));
+  const bool is_linear =
+      std::all_of(model.effects.begin(), model.effects.end(), [](const EffectOf<S>& effect) {
+        return identity_of(effect.kind).acts == Acts::kCommandDelay;
+      });
+  linear_.parts =
+      is_linear ? 1 : static_cast<int>(std::ceil(model.sample_time_s / longest_part_s - 1e-9));
   cycle_s_ = model.sample_time_s;
   h_ = cycle_s_ / linear_.parts;
   delay_s_ = model.command_delay_s();
@@ -200,6 +203,7 @@ void TwinOf<S>::start(const S& command, double time_s) noexcept {
   keep_tried();
   for (std::size_t r = 0; r < state_.size(); ++r) state_[r] = linear_.rest[r] * force_;
   demand_ = force_;
+  of_control_ = rest.of_control;
   position_ = command - (linear_.order == 2 ? value_at(linear_.error, state_) : S(0.0));
   rest.position = position_;
   reading_ = read(rest);
@@ -263,6 +267,7 @@ template <class S>
 S TwinOf<S>::disturbance(MotionOf<S>& m, Memories& memory, Body body) const noexcept {
   S sum = 0.0;
   m.friction = kNoLaw;
+  m.of_control = 0.0;
   std::array<S, kMaxCoefficients> force;  // each effect fills its part
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
     if (bodies_[i] != body) continue;
@@ -270,6 +275,9 @@ S TwinOf<S>::disturbance(MotionOf<S>& m, Memories& memory, Body body) const noex
     unit_forces<S>(effect.kind, effect.shape.data(), memory[i], m, force.data());
     const std::size_t count = coefficients_of(effect.kind).size();
     for (std::size_t k = 0; k < count; ++k) sum += effect.coefficient[k] * force[k];
+    if (identity_of(effect.kind).of_control) {
+      for (std::size_t k = 0; k < count; ++k) m.of_control += effect.coefficient[k] * force[k];
+    }
     if (is_friction_law(effect.kind)) m.friction = friction_of(effect, force.data());
   }
   return sum;
@@ -391,6 +399,7 @@ S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
   position_ = m.position;
   velocity_ = m.velocity;
   demand_ = m.demand;
+  of_control_ = m.of_control;
   reading_ = reading_count_ > 0 ? read(m) : S(0.0);
   return error_free + linear_.error.force_end * force - reading_;
 }

@@ -94,8 +94,16 @@ class TwinOf {
   }
   /// The simulated velocity [m/s | rad/s].
   [[nodiscard]] S velocity() const noexcept { return velocity_; }
+  /// That of the motor; on a rigid axis the same.
+  [[nodiscard]] S motor_velocity() const noexcept {
+    return axis_.used() ? motor_velocity_ : velocity_;
+  }
   /// Force demanded by the control per moved mass, at the same time [m/s^2 | rad/s^2].
   [[nodiscard]] S demand() const noexcept { return demand_; }
+  /// Force of the motor per moved mass, but for the viscous friction that is part of the loop: the
+  /// demand without what the control does not give of it [m/s^2 | rad/s^2]. Of a loop with modes of
+  /// vibration it lacks the inertia of what vibrates.
+  [[nodiscard]] S motor_force() const noexcept { return demand_ - of_control_; }
   /// x'': the demand minus all disturbances [m/s^2 | rad/s^2]; of the body that carries the
   /// recorded encoder.
   [[nodiscard]] S acceleration() const noexcept {
@@ -203,7 +211,8 @@ class TwinOf {
   S force_change_ = 0.0;  // its change over the last cycle
   double slope_ = 1.0;    // last secant slope of force minus force of the resulting motion
   S demand_ = 0.0;
-  S position_ = 0.0;  // simulated position at the end of the last cycle
+  S of_control_ = 0.0;  // of the disturbance
+  S position_ = 0.0;    // simulated position at the end of the last cycle
   S velocity_ = 0.0;
   S reading_ = 0.0;  // reading minus position
   double neighbour_acceleration_ = 0.0;
@@ -216,7 +225,7 @@ class TwinOf {
   S contact_ = 0.0;
   double load_slope_ = 1.0, contact_slope_ = 1.0;
   PairBySlopes together_ = kApart;
-  S motor_position_ = 0.0, load_position_ = 0.0, acceleration_ = 0.0;
+  S motor_position_ = 0.0, load_position_ = 0.0, acceleration_ = 0.0, motor_velocity_ = 0.0;
   std::array<double, kHistory> history_{};
   std::uint32_t newest_ = 0;
   [[no_unique_address]] std::conditional_t<is_dual<S>, TwinOf<double>, Nobody> leader_;
@@ -228,15 +237,24 @@ using Twin = TwinOf<double>;
 /// The same in samples of a segment; they are not counted in the error of a prediction.
 [[nodiscard]] Eigen::Index starting_state_samples(const Model& model, const Segment& segment);
 
-/// Of an axis with two encoders: the tracking error at the recorded one, or at that and at the
-/// motor in turns, two values per sample.
-enum class Outputs : Eigen::Index { kRecorded = 1, kBoth = 2 };
+/// What a simulation gives of every sample, in turns: the tracking error at the recorded encoder
+/// [m | rad], then
+struct Outputs {
+  bool motor = false;   ///< that at the motor [m | rad]
+  bool torque = false;  ///< the motor's force per moved mass [m/s^2 | rad/s^2] and its velocity
+                        ///< [m/s | rad/s]
+  [[nodiscard]] Eigen::Index per_sample() const noexcept {
+    return 1 + (motor ? 1 : 0) + (torque ? 2 : 0);
+  }
+  /// Place of the motor's force among them; the velocity follows.
+  [[nodiscard]] Eigen::Index torque_at() const noexcept { return motor ? 2 : 1; }
+};
 
-/// Free simulation of a whole segment from command and starting state: the tracking error, one
-/// value per sample and output [m | rad]. If `actual` is present, the starting state is fitted to
+/// Free simulation of a whole segment from command and starting state: one value per sample and
+/// output. If `actual` is present, the starting state is fitted to
 /// the first `starting_state_s` of it; else the axis starts at rest on its command.
 [[nodiscard]] Eigen::ArrayXd simulate(const Model& model, const Segment& segment,
-                                      Outputs outputs = Outputs::kRecorded);
+                                      Outputs outputs = {});
 
 /// The same with its derivatives: column i is d error / dt of the models model + t directions[i]. A
 /// direction is a model of the same structure whose parameters are the rates of change.
@@ -245,6 +263,6 @@ struct Simulated {
   Eigen::MatrixXd by;
 };
 [[nodiscard]] Simulated simulate(const Model& model, std::span<const Model> directions,
-                                 const Segment& segment, Outputs outputs = Outputs::kRecorded);
+                                 const Segment& segment, Outputs outputs = {});
 
 }  // namespace servotwin

@@ -154,6 +154,7 @@ void TwinOf<S>::start_two_masses(const S& command) noexcept {
       rest.demand = now.demand;
       copy_memories(memory_, trial_, body);
       (body == Body::kLoad ? load_force_ : force_) = disturbance(rest, trial_, body);
+      if (body == Body::kMotor) of_control_ = rest.of_control;
     }
     // Derivatives settle later than values, which may be 0 from the start.
     if (!is_dual<S> && std::abs(value_of(force_ - motor_before)) <= kSmallestTurn &&
@@ -162,6 +163,7 @@ void TwinOf<S>::start_two_masses(const S& command) noexcept {
   }
   for (const Body body : {Body::kMotor, Body::kLoad}) copy_memories(trial_, memory_, body);
   acceleration_ = 0.0;
+  motor_velocity_ = 0.0;
   rest.position = position_;
   reading_ = read(rest);
 }
@@ -190,8 +192,10 @@ S TwinOf<S>::advance_two_masses(const CommandPieceOf<S>& piece) noexcept {
   force_change_ = force_ - motor_before;
   load_force_change_ = load_force_ - load_before;
   motor_position_ = now.motor_position;
+  motor_velocity_ = now.motor_velocity;
   load_position_ = now.load_position;
   demand_ = now.demand;
+  of_control_ = motor.of_control;
   const bool at_load = axis_.parameters().encoders != Encoders::kMotor;
   position_ = at_load ? now.load_position : now.motor_position;
   velocity_ = at_load ? now.load_velocity : now.motor_velocity;

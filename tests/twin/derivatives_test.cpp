@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -18,7 +19,7 @@ namespace {
 constexpr double kStep = 1e-6;
 /// Norm of the difference of both over that of the derivative, and what the tolerance of the force
 /// balance leaves in a difference [m].
-constexpr double kRelativeTolerance = 5e-5, kNoise_m = 4e-10;
+constexpr double kRelativeTolerance = 5e-5, kNoise_m = 4e-10, kNoise_mps2 = 4e-6, kNoise_mps = 4e-8;
 
 Loop loop_of(int order) {
   const double kv = 200.0, kp = 40.0, reset = 30.0;
@@ -121,13 +122,21 @@ std::vector<Direction> directions_of(const Model& model) {
 }
 
 Eigen::ArrayXd difference(const Model& model, const Model& along, const Segment& segment,
-                          Outputs outputs = Outputs::kRecorded) {
+                          Outputs outputs = {}) {
   const auto at = [&](double share) {
     Model moved = model;
     each_parameter(moved, along, [share](double& x, double by) { x += share * by; });
     return simulate(moved, segment, outputs);
   };
   return (at(kStep) - at(-kStep)) / (2.0 * kStep);
+}
+
+/// Force and velocity have no derivative where friction has a corner; a difference over a sample
+/// that crosses one is something else. Motion is smooth there.
+Eigen::VectorXd without_corners(Eigen::VectorXd off) {
+  constexpr std::ptrdiff_t kMostCorners = 4;
+  std::sort(off.begin(), off.end(), [](double l, double r) { return std::abs(l) > std::abs(r); });
+  return off.tail(off.size() - kMostCorners);
 }
 
 void expect_derivatives(const Model& model, const std::string& what) {
@@ -137,16 +146,27 @@ void expect_derivatives(const Model& model, const std::string& what) {
     const std::vector<Direction> all = directions_of(model);
     std::vector<Model> directions;
     for (const Direction& one : all) directions.push_back(one.along);
-    const Simulated out = simulate(model, directions, segment, Outputs::kBoth);
-    EXPECT_TRUE((out.error == simulate(model, segment, Outputs::kBoth)).all()) << what;
-    const Eigen::ArrayXd recorded = out.error(Eigen::seqN(0, segment.size(), 2));
-    EXPECT_TRUE((recorded == simulate(model, segment)).all()) << what;
+    constexpr Outputs kAll{.motor = true, .torque = true};
+    const Simulated out = simulate(model, directions, segment, kAll);
+    EXPECT_TRUE((out.error == simulate(model, segment, kAll)).all()) << what;
+    const auto of = [&](Eigen::Index output) {
+      return Eigen::seqN(output, segment.size(), kAll.per_sample());
+    };
+    EXPECT_TRUE((out.error(of(0)) == simulate(model, segment)).all()) << what;
     for (std::size_t i = 0; i < all.size(); ++i) {
-      const Eigen::ArrayXd by = out.by.col(static_cast<Eigen::Index>(i)).array();
-      const double apart =
-          (by - difference(model, all[i].along, segment, Outputs::kBoth)).matrix().norm();
-      EXPECT_LT(apart, kRelativeTolerance * by.matrix().norm() + kNoise_m)
-          << what << ", " << all[i].name << (moving ? ", from within a motion" : ", from rest");
+      const Eigen::VectorXd by = out.by.col(static_cast<Eigen::Index>(i)),
+                            apart = by - difference(model, all[i].along, segment, kAll).matrix();
+      for (Eigen::Index output = 0; output < kAll.per_sample(); ++output) {
+        const bool is_error = output < kAll.torque_at();
+        const double noise = is_error                     ? kNoise_m
+                             : output == kAll.torque_at() ? kNoise_mps2
+                                                          : kNoise_mps;
+        const Eigen::VectorXd off = apart(of(output));
+        EXPECT_LT(is_error ? off.norm() : without_corners(off).norm(),
+                  kRelativeTolerance * by(of(output)).norm() + noise)
+            << what << ", " << all[i].name << ", output " << output
+            << (moving ? ", from within a motion" : ", from rest");
+      }
     }
   }
 }

@@ -22,7 +22,8 @@ struct ControlFilter {
   static constexpr Identity kIdentity{.id = "control_filter",
                                       .meaning = "a filter or lag in the control",
                                       .acts = Acts::kForce,
-                                      .on_motor = true};
+                                      .on_motor = true,
+                                      .of_control = true};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"frequency_hz", "Hz", 0.5, 2000.0, 50.0, "undamped frequency of its two poles", true, false,
         Scan::kFrequency},

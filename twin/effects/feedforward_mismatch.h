@@ -18,7 +18,8 @@ struct FeedforwardMismatch {
       .id = "feedforward_mismatch",
       .meaning = "velocity or acceleration feed-forward that differs from that of the loop",
       .acts = Acts::kForce,
-      .on_motor = true};
+      .on_motor = true,
+      .of_control = true};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"velocity_gain", "1/s", -2000.0, 2000.0, 0.0, "excess velocity feed-forward", false},

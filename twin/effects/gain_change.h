@@ -23,6 +23,7 @@ struct GainChange {
       .cause = "gain_change",
       .check = "parameter sets and gain switching of the control",
       .on_motor = true,
+      .of_control = true,
       .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it changes", true, false,

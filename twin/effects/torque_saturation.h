@@ -43,7 +43,8 @@ struct TorqueSaturationOf {
       .cause = "torque_saturation",
       .form_of = A == AntiWindup::kClamping ? "" : "torque_saturation",
       .check = "acceleration limits of the program against the torque limit of the motor",
-      .on_motor = true};
+      .on_motor = true,
+      .of_control = true};
   static constexpr Parameter kReset{
       "reset", "1/s", 0.1, 1000.0, 60.0, "reset rate of the velocity control's integrator, 1/Ti"};
   static constexpr Parameter kTracking{
