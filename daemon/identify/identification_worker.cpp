@@ -323,6 +323,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
                          tenths(kept.of(Evidence::kSlowReversals)) + " of slow reversals: ";
   IdentifyOptions options = config_.options;
   options.split_each = true;
+  options.with_torque = false;  // a candidate is judged by the position
   const Effect* coupled =
       state.in_force ? state.in_force->record.model.find(kind_of<CrossCoupling>()) : nullptr;
   if (!state.in_force) {

@@ -64,6 +64,7 @@ ActingAxis acting_axis(const Recording& recording, const std::string& axis,
   options.method = Method::kJoint;
   options.friction = kind_of<Presliding>();
   options.must_predict = false;
+  options.with_torque = false;
   for (const int modes : {0, 1}) {
     if (stop.stop_requested()) return out;
     options.modes = modes;

@@ -13,6 +13,7 @@
 #include "diagnosis/statistics/text.h"
 #include "identification/loop/deviations.h"
 #include "identification/loop/joint.h"
+#include "identification/loop/torque_output.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
 #include "identification/torque/torque_limit.h"
@@ -178,6 +179,7 @@ ModelRecord identified_baseline(const SegmentedAxis& axis, const DiagnoseOptions
   IdentifyOptions loop = options.identify;
   if (options.leaves_out("time_delay")) loop.delay_max_s = 0.0;
   loop.must_predict = false;  // the diagnosis is about what it does not predict
+  loop.with_torque = false;   // diagnosed beside the position
   loop.beyond_loop = false;   // sought beside the causes, a part of which it would hide
   Identified identified = identify(axis, loop);
   if (!identified.exchanged.empty())
@@ -481,15 +483,8 @@ Diagnosis diagnose_repeatedly(const SegmentedAxis& axis, const DiagnoseOptions& 
   return first;
 }
 
-}  // namespace
-
-void DiagnoseOptions::begin(std::string_view what) const {
-  if (stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
-  if (progress) progress(what);
-}
-
-Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
-  require_encoder(axis);
+/// The diagnosis of what the axis does while its motor is not at its limit, where that is enough.
+Diagnosis diagnose_away_from_limit(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   const TorqueLimit limit = torque_limit(axis.segments);
   if (!limit.found() || options.leaves_out("torque_saturation"))
     return diagnose_repeatedly(axis, options);
@@ -508,6 +503,25 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   out.at_limit =
       text("%.4g %s in %zu moment%s (%.3g s in all)", limit.level, axis.torque_unit.c_str(),
            limit.moments.size(), limit.moments.size() == 1 ? "" : "s", limit.duration_s());
+  return out;
+}
+
+}  // namespace
+
+void DiagnoseOptions::begin(std::string_view what) const {
+  if (stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
+  if (progress) progress(what);
+}
+
+Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+  require_encoder(axis);
+  Diagnosis out = diagnose_away_from_limit(axis, options);
+  if (has_torque(axis)) {
+    const double share = options.identify.training_share.value_or(training_share_of(axis.segments));
+    out.extended.torque =
+        motor_torque(out.extended.model, torque_data(axis, share, options.identify.split_each))
+            .torque;
+  }
   return out;
 }
 

@@ -14,16 +14,13 @@
 
 #include <vector>
 
+#include "identification/model/motor_torque.h"
 #include "twin/sample.h"
 
 namespace servotwin {
 
-struct TorqueLag {
-  double s = 0.0;       ///< 0 where the motion shows none; negative: the position is behind
-  bool filter = false;  ///< a filter of first order with this time constant, and not a delay
-};
-
-/// The lag of a torque. Filter or delay is what leaves less of the torque, reversals included.
+/// The lag of a torque; 0 where the motion shows none. Filter or delay is what leaves less of the
+/// torque, reversals included.
 [[nodiscard]] TorqueLag torque_lag(const std::vector<Segment>& segments, double bandwidth_hz);
 
 /// The segments with the torque that was before the lag; absent at the ends where it is not known.

@@ -12,6 +12,7 @@
 #include "identification/loop/message.h"
 #include "identification/loop/moving_modes.h"
 #include "identification/loop/structure_choice.h"
+#include "identification/loop/torque_output.h"
 #include "identification/loop/two_mass_choice.h"
 #include "identification/recording/evidence.h"
 #include "identification/recording/excitation.h"
@@ -281,9 +282,9 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, dou
     const Eigen::Index used = std::max({s.lead, skipped, starting_state_samples(model, s)});
     if (s.size() <= used + 10) continue;
     const bool both = two_mass_of(model) != nullptr && s.actual_motor.size() == s.size();
-    const Eigen::ArrayXd simulated = simulate(model, s, both ? Outputs::kBoth : Outputs::kRecorded);
-    const auto every = static_cast<Eigen::Index>(both ? Outputs::kBoth : Outputs::kRecorded);
-    const Eigen::ArrayXd recorded = simulated(Eigen::seqN(0, s.size(), every));
+    const Outputs outputs{.motor = both};
+    const Eigen::ArrayXd simulated = simulate(model, s, outputs);
+    const Eigen::ArrayXd recorded = simulated(Eigen::seqN(0, s.size(), outputs.per_sample()));
     const Eigen::ArrayXd left = ((s.command - s.actual) - recorded).tail(s.size() - used);
     for (Eigen::Index k = used; both && k < s.size(); ++k) {
       const double missed = s.command(k) - s.actual_motor(k) - simulated(2 * k + 1);
@@ -350,7 +351,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.from_s = axis.segments.front().start_s;
   record.to_s = axis.segments.back().end_s();
   record.training_to_s = training.back().end_s();
-  record.noise_floor = noise_floor(axis.segments);
+  const NoiseFloor floor = noise_floor(axis.segments);
+  record.noise_floor = floor;
   const Excitation excitation = excitation_of(training);
   record.excitation = missing_motion(excitation, axis.rotary);
 
@@ -373,7 +375,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
 
   record.method = "pole-search";
-  const double encoder_step = noise_floor(axis.segments).encoder_step;
+  const double encoder_step = floor.encoder_step;
   PoleSearchOptions search;
   Structure structure;
   Loop moving;
@@ -431,6 +433,18 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
                                ": two masses have no valid fit to the training data; identify a "
                                "rigid axis");
     }
+  }
+  if (options.with_torque && why_invalid(record.model).empty()) {
+    const TorqueData data = torque_data(axis, share, options.split_each);
+    const auto both = polish ? fitted_with_torque(record.model, data, floor) : std::nullopt;
+    if (both) {
+      record.model = both->model;
+      covariance = both->covariance;
+    }
+    TorqueOutput torque = motor_torque(record.model, data);
+    record.torque = std::move(torque.torque);
+    if (record.torque) record.torque->fitted_together = both.has_value();
+    if (has_torque(axis)) out.no_torque = std::move(torque.why_not);
   }
   record.condition_number = fit->condition_number;
   // Of the possible assignments of the poles, the one nearest to that of the projected fit.

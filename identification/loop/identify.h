@@ -44,6 +44,9 @@ struct IdentifyOptions {
   /// swings with a rotary axis; where much is left, a filter of the control (joint only, without
   /// modes, another axis and two masses). The diagnosis seeks both itself.
   bool beyond_loop = true;
+  /// Where a torque was recorded: add it to the model (motor_torque.h), and fit both together
+  /// (joint only) unless they contradict each other (torque_output.h). Not full LS.
+  bool with_torque = true;
   bool coupling = false;  ///< identify the force that another axis causes on this one; not full LS
   /// An earlier model of this axis: its structure is kept, and steps 2 to 4 of
   /// identification/loop/joint.h start from its loop. Not for full LS.
@@ -73,6 +76,8 @@ struct Identified {
   /// the motion does not excite is in record.excitation: a user may accept that, the daemon does
   /// not.
   std::vector<std::string> refusals;
+  /// Why the recorded torque is no output of the model; empty: it is, or none was recorded.
+  std::string no_torque;
   /// That of them which says that command and encoder seem to be exchanged; empty: they do not.
   /// Nothing else that was recorded can be trusted then either.
   std::string exchanged;

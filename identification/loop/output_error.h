@@ -14,7 +14,7 @@
 // is much more precise, because the times at which the reading changes carry the information.
 // An axis of two masses whose recording has the readings of the motor's encoder as well
 // (`actual_motor`) is fitted to both, each with its own deviation. The difference of their zeros is
-// free.
+// free. The torque of the motor is a further output where it is asked for.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "identification/loop/projection.h"
+#include "identification/model/motor_torque.h"
 #include "twin/model.h"
 #include "twin/sample.h"
 
@@ -34,13 +35,15 @@ struct OutputErrorOptions {
   double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
   int passes = 6;             ///< how often sigma is estimated at most
   bool covariance = true;     ///< false: not computed, which saves a simulation
-  std::vector<std::size_t> held = {};  ///< places of effects that are not fitted
+  std::vector<std::size_t> held = {};    ///< places of effects that are not fitted
+  std::optional<TorqueLag> torque = {};  ///< fitted to the torque as well, which has this lag
 };
 
 struct OutputErrorFit {
   Model model;
   double sigma = 0.0;                 ///< residual deviation without quantisation [m | rad]
   double motor_sigma = kAbsent;       ///< that of the motor's readings, where they were used
+  double torque_sigma = kAbsent;      ///< that of the torque, in its unit, where it was used
   double minus_log_likelihood = 0.0;  ///< over all readings, at this sigma
   /// Of all parameters: numerator, coefficients, a1..an, shapes and so on (as `covariance` of the
   /// pole search), and after them slope, curve and zeta_slope of every mode

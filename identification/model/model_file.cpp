@@ -1,5 +1,7 @@
 #include "identification/model/model_file.h"
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -23,6 +25,8 @@ constexpr int kMaxVersion = 1'000'000'000;
 constexpr long kMaxRows = 1'000'000'000'000'000;
 constexpr double kMaxError = 1e6;   // m | rad
 constexpr double kMaxMotion = 1e6;  // m/s, m/s^2 | rad/s, rad/s^2
+constexpr double kMaxTorque = 1e12;
+constexpr double kMaxTorqueLag_s = 1.0;
 constexpr double kMaxCovariance = 1e60;
 constexpr double kMaxTime_s = 1e12;  // a stamp may count from 1970
 
@@ -161,6 +165,59 @@ std::optional<LoopCovariance> covariance_from(const json& loop, int order) {
   if (out != out.transpose()) refuse(kField, "must be symmetric, is " + found->dump());
   if (!(out.diagonal().minCoeff() >= 0.0))
     refuse(kField, "must have no negative variance on its diagonal, is " + found->dump());
+  return out;
+}
+
+json torque_json(const MotorTorque& torque) {
+  return {{"unit", torque.unit},
+          {"per_acceleration", torque.by.scale},
+          {"per_velocity", torque.by.viscous},
+          {"offset", torque.by.offset},
+          {"lag_s", torque.lag.s},
+          {"lag_is_filter", torque.lag.filter},
+          {"fitted_together", torque.fitted_together},
+          {"at_limit_share", torque.at_limit_share},
+          {"training_rms", number_or_null(torque.training_rms)},
+          {"holdout_rms", number_or_null(torque.holdout_rms)},
+          {"holdout_scatter", number_or_null(torque.holdout_scatter)}};
+}
+
+/// Nothing where the file has none.
+std::optional<MotorTorque> torque_from(const json& file) {
+  const auto found = file.find("torque");
+  if (found == file.end() || found->is_null()) return std::nullopt;
+  if (!found->is_object()) refuse("torque", "must be an object, is " + found->dump());
+  MotorTorque out;
+  out.unit = text(*found, "torque", "unit");
+  constexpr std::array<std::string_view, 5> kUnits{"N", "Nm", "A", "V", "%"};
+  if (std::find(kUnits.begin(), kUnits.end(), out.unit) == kUnits.end())
+    refuse("torque.unit", "must be N, Nm, A, V or %, is \"" + out.unit + "\"");
+  const auto value = [&](const char* key) {
+    const double x = finite(*found, "torque", key);
+    if (!(std::abs(x) <= kMaxTorque))
+      refuse(field_of("torque", key), "must lie within +-1e+12, is " + (*found)[key].dump());
+    return x;
+  };
+  out.by = {value("per_acceleration"), value("per_velocity"), value("offset")};
+  out.lag.s = value("lag_s");
+  if (!(std::abs(out.lag.s) <= kMaxTorqueLag_s))
+    refuse("torque.lag_s", "must lie within +-1 s, is " + (*found)["lag_s"].dump());
+  const auto is_set = [&](const char* key) {
+    const auto flag = found->find(key);
+    if (flag == found->end()) return false;
+    if (!flag->is_boolean())
+      refuse(field_of("torque", key), "must be true or false, is " + flag->dump());
+    return flag->get<bool>();
+  };
+  out.lag.filter = is_set("lag_is_filter");
+  if (out.lag.filter && !(out.lag.s >= 0.0))
+    refuse("torque.lag_s", "of a filter must not be negative, is " + (*found)["lag_s"].dump());
+  out.fitted_together = is_set("fitted_together");
+  if (const double share = optional(*found, "at_limit_share"); std::isfinite(share))
+    out.at_limit_share = share;
+  out.training_rms = optional(*found, "training_rms");
+  out.holdout_rms = optional(*found, "holdout_rms");
+  out.holdout_scatter = optional(*found, "holdout_scatter");
   return out;
 }
 
@@ -310,34 +367,36 @@ json to_json(const ModelRecord& record) {
     if (effect.kind == kind_of<CrossCoupling>() && !record.neighbour.empty())
       effects.back()["of_axis"] = record.neighbour;
   }
-  return {{"schema", kModelSchema},
-          {"axis", record.axis},
-          {"kind", record.rotary ? "rotary" : "linear"},
-          {"version", record.version},
-          {"created", record.created},
-          {"parent", record.parent},
-          {"sample_time_s", record.model.sample_time_s},
-          {"loop", loop_json(record)},
-          {"effects", effects},
-          {"fit",
-           {{"method", record.method},
-            {"training", figures(record.training)},
-            {"holdout", figures(record.holdout)},
-            {"noise_floor_rms_m", number_or_null(record.noise_floor.rms)},
-            {"noise_floor_interval_m", interval_or_null(record.noise_floor)},
-            {"condition_number", number_or_null(record.condition_number)},
-            {"time_taken_s", number_or_null(record.time_taken_s)}}},
-          {"data",
-           {{"source", record.source},
-            {"from", record.from_s},
-            {"to", record.to_s},
-            {"training_to", record.training_to_s},
-            {"rows", record.rows},
-            {"motion",
-             {{"speed_m_per_s", number_or_null(record.motion.speed)},
-              {"acceleration_m_per_s2", number_or_null(record.motion.acceleration)}}},
-            {"excitation",
-             {{"sufficient", record.excitation.empty()}, {"missing", record.excitation}}}}}};
+  json out = {{"schema", kModelSchema},
+              {"axis", record.axis},
+              {"kind", record.rotary ? "rotary" : "linear"},
+              {"version", record.version},
+              {"created", record.created},
+              {"parent", record.parent},
+              {"sample_time_s", record.model.sample_time_s},
+              {"loop", loop_json(record)},
+              {"effects", effects},
+              {"fit",
+               {{"method", record.method},
+                {"training", figures(record.training)},
+                {"holdout", figures(record.holdout)},
+                {"noise_floor_rms_m", number_or_null(record.noise_floor.rms)},
+                {"noise_floor_interval_m", interval_or_null(record.noise_floor)},
+                {"condition_number", number_or_null(record.condition_number)},
+                {"time_taken_s", number_or_null(record.time_taken_s)}}},
+              {"data",
+               {{"source", record.source},
+                {"from", record.from_s},
+                {"to", record.to_s},
+                {"training_to", record.training_to_s},
+                {"rows", record.rows},
+                {"motion",
+                 {{"speed_m_per_s", number_or_null(record.motion.speed)},
+                  {"acceleration_m_per_s2", number_or_null(record.motion.acceleration)}}},
+                {"excitation",
+                 {{"sufficient", record.excitation.empty()}, {"missing", record.excitation}}}}}};
+  if (record.torque) out["torque"] = torque_json(*record.torque);
+  return out;
 }
 
 ModelRecord model_from_json(const json& j) {
@@ -451,6 +510,7 @@ ModelRecord model_from_json(const json& j) {
                            optional(loop, "natural_frequency_sd_hz") * kTwoPi,
                            optional(loop, "damping_ratio_sd")};
   record.loop_covariance = covariance_from(loop, model.loop.order);
+  record.torque = torque_from(j);
   const json fit = j.value("fit", json::object());
   record.training = figures_from(fit, "training");
   record.holdout = figures_from(fit, "holdout");

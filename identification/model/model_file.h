@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "identification/model/motor_torque.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/loop_covariance.h"
@@ -47,6 +48,7 @@ struct ModelRecord {
   std::vector<Mode> mode_deviations;                ///< one per mode
   std::vector<EffectDeviations> effect_deviations;  ///< one per effect
   std::optional<LoopCovariance> loop_covariance;    ///< nothing where not estimated
+  std::optional<MotorTorque> torque;                ///< nothing where it was not recorded
 
   std::string method;              ///< pole-search | full-ls | joint | diagnosis
   ErrorFigures training, holdout;  ///< free simulation; holdout on data the fit has not seen

@@ -2,8 +2,11 @@
 // with the twin.
 #include <gmock/gmock.h>
 
+#include <cmath>
+
 #include "diagnosis/search/diagnose.h"
 #include "identification/loop/output_error.h"
+#include "identification/loop/torque_output.h"
 #include "tests/hidden_effects/brisk_moves.h"
 #include "twin/twin.h"
 
@@ -78,6 +81,22 @@ TEST_P(AnIntegratorAtTheLimit, IsSimulatedToTheNoiseByItsOwnFormAlone) {
       EXPECT_GT(fit->sigma, 3.0 * rig.reading.noise) << identity_of(kMotorLimits[i]).id;
     }
   }
+}
+
+TEST_P(AnIntegratorAtTheLimit, GivesATorqueThatIsSimulatedToItsNoise) {
+  constexpr double kPerNewton = -0.03, kNoise_n = 1.0;
+  Rig rig = limited(kForms[GetParam()]);
+  rig.reading.torque_per_newton = kPerNewton;
+  rig.reading.torque_noise = kNoise_n;
+  const SegmentedAxis axis = recorded_brisk_moves(rig, kRounds);
+  const auto torque = motor_torque(model_of(rig, kMotorLimits[GetParam()]),
+                                   {"A", 0.0, axis.segments, axis.segments})
+                          .torque;
+  ASSERT_TRUE(torque);
+  EXPECT_NEAR(torque->by.scale / (kPerNewton * rig.body.mass), 1.0, 0.005);
+  EXPECT_NEAR(torque->by.viscous / (kPerNewton * rig.friction.viscous), 1.0, 0.05);
+  EXPECT_NEAR(torque->by.offset, 0.0, 0.1 * std::abs(kPerNewton) * kNoise_n);
+  EXPECT_LT(torque->holdout_rms, 1.1 * std::abs(kPerNewton) * kNoise_n);
 }
 
 TEST_P(AnIntegratorAtTheLimit, IsFoundWithTheLimit) {

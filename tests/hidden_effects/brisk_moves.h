@@ -20,6 +20,10 @@ namespace servotwin::hidden_effects {
     segment.actual_motor = Eigen::Map<const Eigen::ArrayXd>(trace.motor.data(), rows);
   SegmentedAxis axis;
   axis.axis = "X";
+  if (!trace.torque.empty()) {
+    segment.torque = Eigen::Map<const Eigen::ArrayXd>(trace.torque.data(), rows);
+    axis.torque_unit = rig.reading.torque_unit;
+  }
   axis.sample_time_s = segment.sample_time_s;
   axis.segments.push_back(segment);
   return axis;

@@ -375,6 +375,11 @@ TEST(RealRecording, EmpsIsPredictedBetterThanByThePublishedModel) {
   // friction in the poles.
   EXPECT_NEAR(model.find(kind_of<ConstantForce>())->coefficient[0] * 95.1, -3.2, 0.8);
   EXPECT_NEAR(model.find(kind_of<CoulombFriction>())->coefficient[0] * 95.1, 22.0, 3.0);
+  // Published: 95.1 kg and 35.15 N/V. The torque was not fitted.
+  ASSERT_TRUE(found.record.torque);
+  EXPECT_EQ(found.record.torque->unit, "V");
+  EXPECT_NEAR(found.record.torque->by.scale / (95.1 / 35.15), 1.0, 0.03);
+  EXPECT_LT(found.record.torque->holdout_rms, 0.06 * found.record.torque->holdout_scatter);
 
   // The baseline, full least squares, on the same halves.
   options.method = Method::kFullLs;
@@ -399,9 +404,8 @@ TEST(RealRecording, TheDelayOfTheSinumerikAxisIsFoundAndNotSwallowed) {
 
 TEST(RealRecording, PolesThatTheRefinementMovedOutOfTheirBoundsAreNamed) {
   SERVOTWIN_REAL_DATA(file, "sinumerik_edge_5axis/axis_Y1.csv");
-  const SegmentedAxis axis = segment_axis(
-      real_recording(file, "Y1.command=des_pos[mm],Y1.actual=enc_pos[mm],Y1.torque=torque[Nm]"),
-      "Y1");
+  const SegmentedAxis axis =
+      segment_axis(real_recording(file, "Y1.command=des_pos[mm],Y1.actual=enc_pos[mm]"), "Y1");
   IdentifyOptions options;
   options.method = Method::kJoint;
   const Identified found = identify(axis, options);

@@ -55,6 +55,11 @@ ModelRecord random_record(std::mt19937_64& rng) {
       record.mode_deviations = {{1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0}};
     }
   }
+  if (u(rng) < 0.8) {
+    record.torque = MotorTorque{"Nm", {u(rng), -u(rng), u(rng)}, {1e-3 * u(rng)}};
+    record.torque->lag.filter = u(rng) < 0.5;
+    record.torque->holdout_rms = u(rng);
+  }
   record.training = {1e-6 * u(rng), 1e-5};
   record.holdout = {1e-6 * u(rng), 1e-5};
   record.source = "test";
@@ -198,6 +203,35 @@ TEST(ModelFile, TheMotionItWasFoundOnIsOptional) {
   file["data"]["motion"] = {{"speed_m_per_s", -1.0}};
   expect_error<std::runtime_error>([&] { (void)model_from_json(file); },
                                    {"data.motion.speed_m_per_s", "-1"});
+}
+
+TEST(ModelFile, TheTorqueIsOptionalAndChecked) {
+  json file = valid();
+  file.erase("torque");
+  EXPECT_FALSE(model_from_json(file).torque) << "a file from before";
+  file["torque"] = {{"unit", "N"},
+                    {"per_acceleration", 100.0},
+                    {"per_velocity", 20.0},
+                    {"offset", -3.0},
+                    {"lag_s", 1e-3}};
+  const std::optional<MotorTorque> torque = model_from_json(file).torque;
+  ASSERT_TRUE(torque);
+  EXPECT_EQ(torque->by.scale, 100.0);
+  EXPECT_EQ(torque->lag.s, 1e-3);
+  EXPECT_TRUE(std::isnan(torque->holdout_rms));
+  const auto refused = [&](const char* key, const json& value,
+                           std::initializer_list<const char*> parts) {
+    json bad = file;
+    bad["torque"][key] = value;
+    expect_error<std::runtime_error>([&] { (void)model_from_json(bad); }, parts);
+  };
+  refused("unit", "lbf", {"torque.unit", "lbf", "N, Nm, A, V or %"});
+  refused("per_acceleration", "much", {"torque.per_acceleration", "number", "much"});
+  refused("offset", 1e300, {"torque.offset", "+-1e+12", "1e+300"});
+  refused("lag_s", 7.0, {"torque.lag_s", "7"});
+  refused("lag_is_filter", "yes", {"torque.lag_is_filter", "true or false", "yes"});
+  file["torque"] = 3;
+  expect_error<std::runtime_error>([&] { (void)model_from_json(file); }, {"torque", "object"});
 }
 
 TEST(ModelFile, TheIntervalOfTheNoiseFloorIsOptional) {
