@@ -99,6 +99,33 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
   return line;
 }
 
+/// What accelerates: "moved mass 95.1 kg", or what its torque is in a unit that is no force.
+std::string mass_text(const MotorTorque& torque, bool rotary) {
+  const double scale = std::abs(torque.by.scale);
+  if (torque.unit == "N" && !rotary) return text("moved mass %.4g kg", scale);
+  if (torque.unit == "Nm" && rotary) return text("inertia %.4g kg m^2", scale);
+  return text("%.4g %s per %s", scale, torque.unit.c_str(), rotary ? "rad/s^2" : "m/s^2");
+}
+
+std::string torque_line(const MotorTorque& torque, bool rotary) {
+  // Of the scatter: a weight, or friction of an axis that moves in one direction.
+  constexpr double kLeastOffset = 0.05;
+  std::string out =
+      std::isfinite(torque.holdout_rms)
+          ? torque_error_text(torque.holdout_rms, torque.holdout_scatter, torque.unit) +
+                " on held-out motion, from the command alone"
+          : "not judged: none is recorded in the held-out motion";
+  out += "; " + mass_text(torque, rotary);
+  if (torque.by.scale < 0.0) out += ", counted against the motion";
+  if (std::abs(torque.by.offset) > kLeastOffset * torque.holdout_scatter)
+    out += text(", constant part %.3g %s", torque.by.offset, torque.unit.c_str());
+  if (torque.at_limit_share > 0.0)
+    out += text("; %.2g %% of its rows, which stand at one value, a limit, are left out",
+                100.0 * torque.at_limit_share);
+  if (!torque.fitted_together) out += "; fitted to the position alone";
+  return out;
+}
+
 ModelRecord without_deviations(ModelRecord record) {
   record.numerator_deviation.fill(kAbsent);
   record.pole_deviation = {kAbsent, kAbsent, kAbsent};
@@ -145,6 +172,16 @@ std::string figures_text(const ErrorFigures& figures, bool rotary) {
   return out;
 }
 
+std::string torque_error_text(double rms, double scatter, const std::string& unit) {
+  return text("%.3g %s RMS left of a scatter of %.3g %s (%.1f %%)", rms, unit.c_str(), scatter,
+              unit.c_str(), 100.0 * rms / scatter);
+}
+
+std::string torque_range_text(const Eigen::ArrayXd& torque, const std::string& unit) {
+  return text("%.4g to %.4g %s, RMS %.4g %s", torque.minCoeff(), torque.maxCoeff(), unit.c_str(),
+              std::sqrt(torque.square().mean()), unit.c_str());
+}
+
 std::string noise_floor_text(const RmsEstimate& floor, bool rotary) {
   // A file may hold 0; a floor of 0 means that it could not be measured from the recording.
   if (!(std::isfinite(floor.rms) && floor.rms > 0.0)) return "not known";
@@ -184,6 +221,7 @@ std::vector<std::string> fit_lines(const ModelRecord& record, Times times) {
   lines.push_back("hold-out    " + figures_text(record.holdout, record.rotary) +
                   span(record.training_to_s, record.to_s, "not seen by the fit"));
   lines.push_back("noise floor " + noise_floor_text(record.noise_floor, record.rotary));
+  if (record.torque) lines.push_back("torque      " + torque_line(*record.torque, record.rotary));
   if (std::isfinite(record.condition_number)) {
     lines.push_back(text("condition   %9.4g of the regressors (%s, s)", record.condition_number,
                          milli(record.rotary)));

@@ -28,6 +28,10 @@ enum class Times { kOfRecording, kNone };
 
 /// "1.532 um RMS  9.87 um MAX".
 [[nodiscard]] std::string figures_text(const ErrorFigures& figures, bool rotary);
+/// "2.31 N RMS left of a scatter of 45.2 N (5 %)".
+[[nodiscard]] std::string torque_error_text(double rms, double scatter, const std::string& unit);
+/// "-40.9 to 6.9 Nm, RMS 23.1 Nm".
+[[nodiscard]] std::string torque_range_text(const Eigen::ArrayXd& torque, const std::string& unit);
 /// "0.029 um RMS (0.028 to 0.031)", or "not known".
 [[nodiscard]] std::string noise_floor_text(const RmsEstimate& floor, bool rotary);
 

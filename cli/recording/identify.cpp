@@ -126,6 +126,8 @@ void say_result(std::FILE* people, const Identified& identified,
     say(people, text("               %zu more ruled out; --details tells why", hidden));
   for (const std::string& line : parameter_lines(record)) say(people, line);
   for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
+  if (!identified.no_torque.empty())
+    say(people, "torque      not predicted: " + identified.no_torque);
   if (record.excitation.empty()) {
     say(people,
         record.method == "full-ls"

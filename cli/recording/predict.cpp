@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -15,6 +16,7 @@
 #include "cli/common/output.h"
 #include "cli/recording/prediction_plot.h"
 #include "identification/loop/identify.h"
+#include "identification/loop/torque_output.h"
 #include "identification/model/json_number.h"
 #include "identification/model/motion_reach.h"
 #include "identification/recording/motion_range.h"
@@ -52,6 +54,7 @@ struct PredictedAxis {
   ErrorFigures all;
   std::vector<Judged> judged;
   RmsEstimate noise_floor;
+  TorqueError torque_error;  // NaN where the recording has none in the unit of the model's
 };
 
 /// Over the same rows [m].
@@ -72,6 +75,65 @@ double tracking_error_rms(const Model& model, const std::vector<Segment>& segmen
   return std::sqrt(squares / count);
 }
 
+/// Of all segments, and where it was recorded in the unit of the model's the recorded one.
+struct Torques {
+  Eigen::ArrayXd predicted, measured;  // the latter without absent values, or empty
+};
+Torques torques_of(const PredictedAxis& one) {
+  std::vector<double> predicted, measured;
+  for (const Segment& s : one.axis.segments) {
+    const Eigen::ArrayXd of_motor =
+        simulated_torque(one.model, one.record.torque->by, one.record.torque->lag, s);
+    predicted.insert(predicted.end(), of_motor.begin(), of_motor.end());
+    if (one.axis.torque_unit == one.record.torque->unit)
+      std::copy_if(s.torque.begin(), s.torque.end(), std::back_inserter(measured),
+                   [](double value) { return std::isfinite(value); });
+  }
+  const auto array = [](const std::vector<double>& of) -> Eigen::ArrayXd {
+    return Eigen::Map<const Eigen::ArrayXd>(of.data(), std::ssize(of));
+  };
+  return {array(predicted), array(measured)};
+}
+
+/// null where the model has no torque.
+json torque_json(const PredictedAxis& one) {
+  if (!one.record.torque) return nullptr;
+  const auto [predicted, measured] = torques_of(one);
+  json out = {{"unit", one.record.torque->unit},
+              {"lowest_predicted", predicted.minCoeff()},
+              {"highest_predicted", predicted.maxCoeff()},
+              {"rms_predicted", std::sqrt(predicted.square().mean())},
+              {"rms", number_or_null(one.torque_error.rms)},
+              {"scatter", number_or_null(one.torque_error.scatter)}};
+  if (measured.size() > 0) {
+    out["lowest_measured"] = measured.minCoeff();
+    out["highest_measured"] = measured.maxCoeff();
+  }
+  return out;
+}
+
+/// What is wrong with a recorded torque of which most is left; empty: nothing that is known.
+std::string why_other_torque(const PredictedAxis& one) {
+  constexpr double kMaxShare = 0.7, kOtherUnit = 5.0;
+  if (!(one.torque_error.share() > kMaxShare)) return {};
+  double product = 0.0, square = 0.0;
+  for (const Segment& s : one.axis.segments) {
+    if (s.torque.size() != s.size()) continue;
+    const Eigen::ArrayXd predicted =
+        simulated_torque(one.model, one.record.torque->by, one.record.torque->lag, s);
+    for (Eigen::Index k = 0; k < s.size(); ++k) {
+      if (!std::isfinite(s.torque(k))) continue;
+      product += s.torque(k) * predicted(k);
+      square += predicted(k) * predicted(k);
+    }
+  }
+  const double slope = product / square;
+  if (slope < 0.0) return "the recorded torque has the opposite sign to the model's";
+  if (slope > kOtherUnit || slope < 1.0 / kOtherUnit)
+    return text("the recorded torque is %.3g times the model's: is its unit right?", slope);
+  return "the recorded torque is not that of this motion, or some of its values are wrong";
+}
+
 json result_of(const PredictedAxis& one) {
   json segments = json::array();
   for (const Judged& judged : one.judged) {
@@ -88,6 +150,7 @@ json result_of(const PredictedAxis& one) {
           {"noise_floor_rms_m", number_or_null(one.noise_floor.rms)},
           {"noise_floor_interval_m", interval_or_null(one.noise_floor)},
           {"overlaps_training", one.overlaps_training},
+          {"torque", torque_json(one)},
           {"segments", segments}};
 }
 
@@ -145,8 +208,16 @@ std::string table_of(const std::vector<PredictedAxis>& all) {
          {"command", "actual", "measured_error", "predicted_error", "residual"}) {
       columns.push_back({axis.axis + "." + channel + unit, {}});
     }
-    for (const Segment& segment : axis.segments) {
+    std::vector<double> torque, predicted_torque;
+    for (std::size_t k = 0; k < axis.segments.size(); ++k) {
+      const Segment& segment = axis.segments[k];
       const Eigen::ArrayXd predicted = simulate(one.model, segment);
+      if (one.record.torque) {
+        const Eigen::ArrayXd of_motor =
+            simulated_torque(one.model, one.record.torque->by, one.record.torque->lag, segment);
+        predicted_torque.insert(predicted_torque.end(), of_motor.begin(), of_motor.end());
+      }
+      torque.insert(torque.end(), segment.torque.begin(), segment.torque.end());
       for (Eigen::Index i = 0; i < segment.size(); ++i) {
         if (first == 1)
           columns[0].values.push_back(segment.start_s +
@@ -157,6 +228,11 @@ std::string table_of(const std::vector<PredictedAxis>& all) {
         for (std::size_t c = 0; c < row.size(); ++c) columns[first + c].values.push_back(row[c]);
       }
     }
+    if (one.record.torque && torque.size() == predicted_torque.size())
+      columns.push_back({axis.axis + ".torque[" + axis.torque_unit + "]", std::move(torque)});
+    if (!predicted_torque.empty())
+      columns.push_back({axis.axis + ".predicted_torque[" + one.record.torque->unit + "]",
+                         std::move(predicted_torque)});
   }
   return csv(columns);
 }
@@ -272,6 +348,14 @@ PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording&
                               : 0});
   }
   out.noise_floor = noise_floor(axis.segments);
+  if (record.torque && has_torque(axis)) {
+    if (axis.torque_unit == record.torque->unit)
+      out.torque_error =
+          torque_error(out.model, record.torque->by, record.torque->lag, axis.segments);
+    else
+      say(people, "note: the torque of the model is in " + record.torque->unit +
+                      ", that of the recording in " + axis.torque_unit + ": not compared");
+  }
   return out;
 }
 
@@ -292,6 +376,16 @@ void print(const PredictedAxis& one, std::FILE* people) {
   const double error = tracking_error_rms(one.model, one.axis.segments);
   say(people, text("tracking error         %9.3f %s RMS", 1e6 * error, micro(rotary)));
   say(people, "noise floor            " + noise_floor_text(one.noise_floor, rotary));
+  if (one.record.torque) {
+    const std::string& unit = one.record.torque->unit;
+    const auto [predicted, measured] = torques_of(one);
+    std::string line = torque_range_text(predicted, unit) + " predicted";
+    if (measured.size() > 0) line += ", " + torque_range_text(measured, unit) + " measured";
+    if (std::isfinite(one.torque_error.share()))
+      line += "; " + torque_error_text(one.torque_error.rms, one.torque_error.scatter, unit);
+    say(people, "torque                 " + line);
+    if (const std::string why = why_other_torque(one); !why.empty()) say(people, "note: " + why);
+  }
   if (one.all.rms > error) {
     say(people, text("note: the tracking error itself is %s RMS only: this model predicts worse "
                      "than none. Are the columns of command and encoder exchanged, is it another "

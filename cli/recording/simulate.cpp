@@ -78,9 +78,18 @@ void run(const SimulateArguments& arguments) {
     }
     columns.push_back(std::move(command));
     columns.push_back(std::move(actual));
+    std::string of_torque;
+    if (record.torque) {
+      const Eigen::ArrayXd torque =
+          simulated_torque(model, record.torque->by, record.torque->lag, segment);
+      columns.push_back(
+          {record.axis + ".torque[" + record.torque->unit + "]", {torque.begin(), torque.end()}});
+      of_torque = ", torque " + torque_range_text(torque, record.torque->unit);
+    }
     say(people, record.axis + ": tracking error " +
                     figures_text({std::sqrt(error.square().mean()), error.abs().maxCoeff()},
-                                 record.rotary));
+                                 record.rotary) +
+                    of_torque);
   }
   if (!arguments.table.empty()) write_result(arguments.table, csv(columns));
   say_written(people, {arguments.table});

@@ -57,6 +57,46 @@ TEST_F(Simulate, NoiseHasTheDeviationItWasGiven) {
               0.06e-6);  // 3 % for 12,000 numbers is over four deviations
 }
 
+TEST_F(Simulate, GivesTheTorqueOfAModelThatHasOne) {
+  // Of known_axis(): friction and constant force per moved mass.
+  constexpr double kFriction = 0.25, kConstant = -0.04, kSliding_mps = 0.01;
+  constexpr double kMass = 30.0, kViscous = 500.0, kOffset = -2.0;
+  json file = json::parse(content_of(model_));
+  file["torque"] = {{"unit", "N"},
+                    {"per_acceleration", kMass},
+                    {"per_velocity", kViscous},
+                    {"offset", kOffset},
+                    {"lag_s", 0.0}};
+  folder_.write("model.json", file.dump());
+  const json exact = left({});
+  EXPECT_LT(exact["torque"]["rms"].get<double>(), 1e-6);
+  const Recording made = read_recording(folder_ / "sim.csv");
+  const AxisRecord& axis = made.axes.front();
+  ASSERT_EQ(axis.torque_unit, "N");
+  double largest = 0.0, squares = 0.0, count = 0.0;
+  for (std::size_t k = 1; k + 1 < made.time.size(); ++k) {
+    largest = std::max(largest, std::abs(axis.torque[k]));
+    const double h = made.time[k + 1] - made.time[k],
+                 velocity = (axis.actual[k + 1] - axis.actual[k - 1]) / (2.0 * h),
+                 acceleration =
+                     (axis.actual[k + 1] - 2.0 * axis.actual[k] + axis.actual[k - 1]) / (h * h);
+    if (std::abs(velocity) < kSliding_mps) continue;
+    const double force = acceleration + std::copysign(kFriction, velocity) + kConstant;
+    squares += std::pow(axis.torque[k] - kMass * force - kViscous * velocity - kOffset, 2);
+    count += 1.0;
+  }
+  EXPECT_GT(count, 1000.0);
+  EXPECT_LT(std::sqrt(squares / count), 0.005 * largest);
+  EXPECT_GT(largest, 10.0);  // or it shows nothing
+  EXPECT_NEAR(std::max(exact["torque"]["highest_predicted"].get<double>(),
+                       -exact["torque"]["lowest_predicted"].get<double>()),
+              largest, 1e-6 * largest);
+  const Answer table = servotwin_says({"predict", folder_ / "sim.csv", "--axis", "X", "--model",
+                                       model_, "--out", folder_ / "pred.csv"});
+  EXPECT_THAT(table.out, HasSubstr(" N predicted, "));
+  EXPECT_THAT(content_of(folder_ / "pred.csv"), HasSubstr("X.torque[N],X.predicted_torque[N]"));
+}
+
 TEST_F(Simulate, WritesWhatTheTwinSays) {
   const Answer answer = servotwin_says({"simulate", table_, "--model", model_, "--out", "-"});
   ASSERT_EQ(answer.status, 0) << answer;
