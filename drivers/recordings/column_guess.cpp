@@ -25,6 +25,8 @@ constexpr std::array<std::string_view, 14> kActual{
 constexpr std::array<std::string_view, 13> kTorque{
     "torque", "moment", "force", "kraft",   "current", "strom",  "i ist",
     "iq",     "effort", "load",  "actcurr", "toract",  "tor_act"};
+/// What a control puts out, which is as good as a torque; by these words only with a unit of one.
+constexpr std::array<std::string_view, 2> kControlOutput{"control", "ctrl"};
 /// Parts of names of other quantities.
 constexpr std::array<std::string_view, 11> kNoPosition{"vel",    "speed", "geschw", "drehzahl",
                                                        "rpm",    "acc",   "v soll", "v ist",
@@ -89,7 +91,8 @@ std::vector<Column> columns_with(std::span<const std::string> names, Parts parts
     const bool of_position =
         unit && (unit->quantity == Quantity::kLength || unit->quantity == Quantity::kAngle);
     if (unit && (torque ? unit->quantity != Quantity::kTorque : !of_position)) continue;
-    if (!has_any(lower, parts) || has_any(lower, kNoPosition)) continue;
+    const bool put_out = torque && unit && has_any(lower, kControlOutput);
+    if (!(put_out || has_any(lower, parts)) || has_any(lower, kNoPosition)) continue;
     if (torque ? has(lower, "pos") : !unit && has_any(lower, kTorque) && !has(lower, "pos"))
       continue;
     if (!split.unit && unit) {
@@ -99,6 +102,7 @@ std::vector<Column> columns_with(std::span<const std::string> names, Parts parts
     }
     // "torAct" has its role in the middle of its name.
     if (torque) cut_first(kTorque, lower, column.axis);
+    if (put_out) cut_first(kControlOutput, lower, column.axis);
     cut_first(kRole, lower, column.axis);
     column.common = without_blanks(lower);
     cut_first(torque ? Parts(kOfMotor) : Parts(kOfPosition), lower, column.axis);

@@ -242,6 +242,38 @@ std::vector<Wanted> wanted_by_header(const std::string& source, std::span<const 
   return wanted;
 }
 
+/// Adds what the header names of the axes that are mapped and the mapping says nothing of, where it
+/// can be read beside what is mapped: it was not asked for.
+void add_named(std::span<const std::string> names, std::vector<Wanted>& wanted,
+               std::vector<bool>& used, std::vector<std::string>& notes) {
+  const std::vector<Wanted> mapped = wanted;
+  std::string added;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const ColumnName column = column_name(names[i]);
+    const auto channel = split_channel(column.name);
+    const auto unit = column.unit ? parse_unit(*column.unit) : std::nullopt;
+    if (used[i] || !unit || !is_channel(names[i])) continue;
+    const bool is_position = find_channel(channel->channel)->quantities == kPosition;
+    bool is_of_axis = false, fits = true;
+    for (const Wanted& one : mapped) {
+      const auto other = split_channel(one.name);
+      if (!other || other->axis != channel->axis) continue;
+      is_of_axis = true;
+      if (is_position && find_channel(other->channel)->quantities == kPosition)
+        fits = fits && one.unit.quantity == unit->quantity;
+    }
+    const auto same_name = [&](const Wanted& one) { return one.name == column.name; };
+    const bool torque_fits = is_position || unit->quantity == Quantity::kTorque;
+    if (!is_of_axis || !fits || !torque_fits ||
+        std::any_of(wanted.begin(), wanted.end(), same_name))
+      continue;
+    used[i] = true;
+    wanted.push_back({column.name, *unit, i});
+    added += (added.empty() ? "" : ", ") + names[i];
+  }
+  if (!added.empty()) notes.push_back("by its own name beside --columns: " + added);
+}
+
 // One note with the columns that are not read; for a channel that may be misspelt, with the most
 // similar name.
 void note_ignored(std::span<const std::string> names, const std::vector<bool>& used,
@@ -385,6 +417,7 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
   std::vector<bool> used(names.size());
   std::vector<Wanted> wanted = mapped ? wanted_by_mapping(source, names, columns, used)
                                       : wanted_by_header(source, names, used);
+  if (!options.columns.empty()) add_named(names, wanted, used, layout.notes);
   const auto is_time = [](const Wanted& w) { return w.name == "time"; };
   if (std::all_of(wanted.begin(), wanted.end(), is_time))
     throw std::invalid_argument("--columns: names no channel of an axis");

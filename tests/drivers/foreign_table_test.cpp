@@ -1,6 +1,6 @@
 // Tables as spreadsheets and recorders write them. What is true here is what the person who wrote
 // the cells meant.
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <cmath>
 #include <numbers>
@@ -237,6 +237,23 @@ TEST_F(ForeignTable, TheTorqueIsThatOfTheAxis) {
   EXPECT_EQ(torques("t,X_cmd[mm],X_act[mm],Y_torque[Nm]", "0,1,1,2"), (vector<double>{-1.0}));
 }
 
+TEST_F(ForeignTable, AMappingLeavesWhatTheHeaderNamesOfItsAxes) {
+  const Recording r =
+      read("t,pos_cmd,X.actual[mm],X.torque[Nm],Y.command[mm],Y.actual[mm]\n0,1,2,3,4,5\n",
+           mapped("X.command=pos_cmd[mm],X.torque=Y.command[Nm]"));
+  ASSERT_EQ(r.axes.size(), 1u);
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.002}));
+  EXPECT_EQ(r.axes[0].torque, (vector<double>{4.0}));  // what the mapping says comes first
+  EXPECT_THAT(notes(r), testing::HasSubstr("X.actual[mm]"));
+  // What was not asked for and cannot be read is left out: without a unit, with an unknown one, of
+  // another kind of axis.
+  for (const char* actual : {"X.actual", "X.actual[raw]", "X.actual[deg]", "X.actual[Nm]"}) {
+    const Recording without =
+        read("t,pos_cmd," + std::string(actual) + "\n0,1,2\n", mapped("X.command=pos_cmd[mm]"));
+    EXPECT_TRUE(std::isnan(without.axes[0].actual.at(0))) << actual;
+  }
+}
+
 TEST_F(ForeignTable, WhatMayBeReadInTwoWaysIsAsked) {
   refuses("t,cmd[mm],motor_encoder[mm],load_encoder[mm]\n0,0,0,0\n", {"X.command=cmd[mm]"});
   refuses("t,X_cmd[mm],X_pos[mm],Y_actual[mm]\n0,0,0,0\n", {"X.command=X_cmd[mm]"});
@@ -260,6 +277,10 @@ TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
   refuses("t,speed command\n0,0\n", {"X.command=NAME[unit]"});
   refuses("t,torDes,posDes,posErr,posAct,torAct\n0,0,0,0,0,0\n",
           {"X.command=posDes[unit],X.actual=posAct[unit],X.torque=torAct[unit]"});
+  // What a control puts out counts as a torque; what feeds it does not.
+  refuses("n,pos_cmd,pos_act,ctrl_V\n0,0,0,0\n", {"X.torque=ctrl_V[V]"});
+  refuses("n,pos_cmd,pos_act,bus_voltage_V\n0,0,0,0\n",
+          {"--columns \"X.command=pos_cmd[unit],X.actual=pos_act[unit]\" (a guess"});
   // What is the position and not the command.
   refuses("n,pos_cmd_counts,pos_counts\n0,0,0\n",
           {"X.command=pos_cmd_counts[unit],X.actual=pos_counts[unit]",
