@@ -31,9 +31,9 @@ constexpr double kFewestAtLimit = 20.0, kMinShareAtLimit = 2e-3;
 // that of the position alone (2 % in all), or over the tracking error. The model is there for the
 // latter: what it loses of it then is nothing that anyone would measure.
 constexpr double kMaxAddedShare = 0.2, kMaxAddedShareOfError = 1e-4;
-// Of the torque about its mean, left with a fit to both in the training data: more is not
-// understood, and must not move the model; and left on held-out data: more is that of another
-// motion.
+// Of the torque about its mean, left in one half of the training data by the scale of the other:
+// more is not understood, and must not move the model; and left on held-out data: more is that of
+// another motion.
 constexpr double kMaxShareTogether = 0.3, kMaxShareLeft = 0.7;
 
 // All forces of a model and the speed of its loop can grow together while the position hardly
@@ -200,8 +200,13 @@ std::optional<OutputErrorFit> fitted_with_torque(const Model& model, const Torqu
     options.tolerance = kLongTolerance;
   }
   if (!found) return std::nullopt;
-  const TorqueScale by = Readings(data.training, found->model, lag).missed(found->model).torque;
-  if (!(torque_error(found->model, by, lag, data.training).share() <= kMaxShareTogether))
+  // By the scale of one half of the training data the torque of the other is judged.
+  const auto [first, second] = split(data.training, 0.5, false);
+  const auto share = [&](const std::vector<Segment>& of, const std::vector<Segment>& judged) {
+    const TorqueScale by = Readings(of, found->model, lag).missed(found->model).torque;
+    return torque_error(found->model, by, lag, judged).share();
+  };
+  if (!(share(first, second) <= kMaxShareTogether && share(second, first) <= kMaxShareTogether))
     return std::nullopt;
   return found;
 }
