@@ -99,7 +99,8 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
   return line;
 }
 
-/// What accelerates: "moved mass 95.1 kg", or what its torque is in a unit that is no force.
+/// "moved mass 95.1 kg", "inertia 0.2 kg m^2", or the torque per acceleration where its unit is
+/// that of neither.
 std::string mass_text(const MotorTorque& torque, bool rotary) {
   const double scale = std::abs(torque.by.scale);
   if (torque.unit == "N" && !rotary) return text("moved mass %.4g kg", scale);
@@ -108,8 +109,9 @@ std::string mass_text(const MotorTorque& torque, bool rotary) {
 }
 
 std::string torque_line(const MotorTorque& torque, bool rotary) {
-  // Of the scatter: a weight, or friction of an axis that moves in one direction.
-  constexpr double kLeastOffset = 0.05;
+  // Of the scatter, from which on it is printed: a weight, or friction of an axis that moves in one
+  // direction.
+  constexpr double kMinOffsetShare = 0.05;
   std::string out =
       std::isfinite(torque.holdout_rms)
           ? torque_error_text(torque.holdout_rms, torque.holdout_scatter, torque.unit) +
@@ -117,7 +119,7 @@ std::string torque_line(const MotorTorque& torque, bool rotary) {
           : "not judged: none is recorded in the held-out motion";
   out += "; " + mass_text(torque, rotary);
   if (torque.by.scale < 0.0) out += ", counted against the motion";
-  if (std::abs(torque.by.offset) > kLeastOffset * torque.holdout_scatter)
+  if (std::abs(torque.by.offset) > kMinOffsetShare * torque.holdout_scatter)
     out += text(", constant part %.3g %s", torque.by.offset, torque.unit.c_str());
   if (torque.at_limit_share > 0.0)
     out += text("; %.2g %% of its rows, which stand at one value, a limit, are left out",

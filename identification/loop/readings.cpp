@@ -160,7 +160,8 @@ Missed Readings::left(const Eigen::VectorXd& simulated, const Eigen::MatrixXd& b
   for (Eigen::Index c = 0; c < count; ++c)
     out.by.col(static_cast<Eigen::Index>(free[static_cast<std::size_t>(c)]))(at(0, per_sample())) =
         -by.col(c)(at(0, every));
-  // One of the outputs beside it: what is left of `missed`, which moves by `moved(c)`.
+  // Fills in an output beside the encoder in the loop: `missed` without its free part, and the same
+  // of its derivative `moved(c)` by every free coordinate.
   const auto put = [&](Eigen::Index output, const FreePart& part, const Eigen::VectorXd& missed,
                        const auto& moved) {
     out.r(at(output, per_sample())) = part.without(missed);

@@ -25,7 +25,7 @@ constexpr double kMaxRatioOfLag = 0.999;
 constexpr double kMinScatterShare = 1e-6;
 
 // Rows in which a torque has its highest value: noise has one of them, a limit many.
-constexpr double kFewestAtLimit = 20.0, kMinShareAtLimit = 2e-3;
+constexpr double kMinRowsAtLimit = 20.0, kMinShareAtLimit = 2e-3;
 
 // What a fit to both may add to the residual of the position, without the encoder's rounding: over
 // that of the position alone (2 % in all), or over the tracking error. The model is there for the
@@ -87,7 +87,7 @@ double leave_out_limits(std::vector<Segment>& segments) {
   for (const double limit : {range.low, range.high}) {
     double at_limit = 0.0;
     for (const Segment& s : segments) at_limit += static_cast<double>((s.torque == limit).count());
-    if (at_limit < std::max(kFewestAtLimit, kMinShareAtLimit * all)) continue;
+    if (at_limit < std::max(kMinRowsAtLimit, kMinShareAtLimit * all)) continue;
     for (Segment& s : segments) s.torque = (s.torque == limit).select(kAbsent, s.torque);
     out += at_limit;
   }
