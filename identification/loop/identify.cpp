@@ -153,21 +153,6 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
   return out;
 }
 
-/// Why a loop with these poles may be faster than its recording shows; empty: it is not.
-std::string why_too_few_samples(const PoleSet& poles, double sample_time_s) {
-  // Of the sampling rate. A fit to every 20th and 40th row of a loop of 30 Hz ends at 0.49 and 0.50
-  // of it (docs/measurements.md, 21); at 0.3 and below it finds the loop.
-  constexpr double kMaxFrequency = 0.4;
-  constexpr double kEnough_hz = 1000.0, kEnoughPerPeriod = 20.0;
-  const double frequency_hz = poles.omega / kTwoPi;
-  if (!(frequency_hz * sample_time_s > kMaxFrequency)) return {};
-  return message("the pole pair is found at ", frequency_hz, " Hz, and ") +
-         message("", 1.0 / sample_time_s,
-                 " samples per second do not show whether it is faster: record at least ") +
-         message("", std::ceil(std::min(kEnoughPerPeriod * frequency_hz, kEnough_hz)),
-                 " samples per second");
-}
-
 /// Where the steps of the encoder are a good part of this error: how large they are.
 std::string coarse_encoder(double step, double rms, bool rotary) {
   constexpr double kMinShare = 0.2;  // of the error, by its rounding
@@ -459,8 +444,9 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.holdout = judge(record.model, judged_on);
   // A pair at the bound that was asked for was not found there.
   constexpr double kAtBound = 0.99;
-  if (std::string why = why_too_few_samples(poles, axis.sample_time_s);
-      !why.empty() && poles.omega < kAtBound * kTwoPi * options.bounds.omega_max_hz)
+  if (std::string why = why_too_few_samples(poles.omega, axis.sample_time_s);
+      options.must_predict && !why.empty() &&
+      poles.omega < kAtBound * kTwoPi * options.bounds.omega_max_hz)
     out.refusals.push_back(std::move(why));
   if (std::string where = polish ? outside_of(record.model.loop, poles, options.bounds)
                                  : (fit->fit.on_bound ? "on the search bounds" : "");
@@ -485,6 +471,20 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         coarse_encoder(encoder_step, before, axis.rotary)));
   }
   return out;
+}
+
+std::string why_too_few_samples(double omega, double sample_time_s) {
+  // Of the sampling rate. A fit to every 20th and 40th row of a loop of 30 Hz ends at 0.49 and 0.50
+  // of it (docs/measurements.md, 21); at 0.3 and below it finds the loop.
+  constexpr double kMaxFrequency = 0.4;
+  constexpr double kEnough_hz = 1000.0, kEnoughPerPeriod = 20.0;
+  const double frequency_hz = omega / kTwoPi;
+  if (!(frequency_hz * sample_time_s > kMaxFrequency)) return {};
+  return message("the pole pair is found at ", frequency_hz, " Hz, and ") +
+         message("", 1.0 / sample_time_s,
+                 " samples per second do not show whether it is faster: record at least ") +
+         message("", std::ceil(std::min(kEnoughPerPeriod * frequency_hz, kEnough_hz)),
+                 " samples per second");
 }
 
 }  // namespace servotwin

@@ -54,7 +54,8 @@ struct IdentifyOptions {
   /// Apply the training share to every segment instead of to all segments in order. For segments of
   /// different motions, so that training and held-out data contain all of them.
   bool split_each = false;
-  /// Refuse a model whose held-out residual is not below the tracking error.
+  /// Refuse a model whose held-out residual is not below the tracking error, or whose loop is too
+  /// fast for the recording.
   bool must_predict = true;
 };
 
@@ -97,6 +98,10 @@ void require_usable(const SegmentedAxis& axis, const IdentifyOptions& options = 
 /// compared on the same samples. NaN if every segment is too short.
 [[nodiscard]] ErrorFigures judge(const Model& model, const std::vector<Segment>& segments,
                                  double skip_s = 0.0);
+
+/// Why a loop whose pair of poles has this natural frequency [rad/s] may be faster than its
+/// recording shows; empty: it is not.
+[[nodiscard]] std::string why_too_few_samples(double omega, double sample_time_s);
 
 /// Whether zeros in the right half plane cause most of this loop's lag: the loop imitates a delay.
 [[nodiscard]] bool delay_in_disguise(const Loop& loop);

@@ -175,12 +175,6 @@ struct Moved {
   double validation = kAbsent;
 };
 
-/// The law of friction in it; Coulomb friction where it has none.
-std::size_t law_of(const Structure& structure) {
-  const auto at = std::find_if(structure.effects.begin(), structure.effects.end(), is_friction_law);
-  return at == structure.effects.end() ? kind_of<CoulombFriction>() : *at;
-}
-
 /// Laws with a level per direction contain the constant force. Whether it was taken out.
 bool without_constant_force(Structure& structure, std::size_t law) {
   const bool both = law == kind_of<Stribeck>() || law == kind_of<ModifiedStribeck>();
@@ -562,6 +556,11 @@ bool delay_in_disguise(const Loop& loop) {
 bool lag_in_disguise(const Model& model) {
   return model.command_delay_s() > 0.0 &&
          1.0 - model.loop.numerator[0] > kMaxAccelerationFeedforward;
+}
+
+std::size_t law_of(const Structure& structure) {
+  const auto at = std::find_if(structure.effects.begin(), structure.effects.end(), is_friction_law);
+  return at == structure.effects.end() ? kind_of<CoulombFriction>() : *at;
 }
 
 Structure structure_of(const Model& model) {

@@ -30,6 +30,8 @@ struct ChosenStructure {
 [[nodiscard]] Point point_of(const Model& model);
 /// The structure that this model has.
 [[nodiscard]] Structure structure_of(const Model& model);
+/// The law of friction in it; Coulomb friction where it has none.
+[[nodiscard]] std::size_t law_of(const Structure& structure);
 /// The model whose modes change with position as those of another loop with as many modes.
 [[nodiscard]] Model with_modes_moving_as(const Loop& as, Model model);
 
