@@ -13,8 +13,9 @@ constexpr double kMinStepsPerSample = 4.0;
 constexpr double kMinJumpShare = 0.6;
 constexpr Eigen::Index kMaxHeldSamples = 200;
 
-std::size_t bridge_held(Segment& s, double step) {
-  std::size_t held = 0;
+/// Interpolates the held values of a segment, which `found` counts; `squares` adds up the squares
+/// of their distances from the motion.
+void bridge_held(Segment& s, double step, std::size_t& found, double& squares) {
   for (Eigen::Index k = 1; k + 1 < s.size(); ++k) {
     if (s.actual(k) != s.actual(k - 1)) continue;
     Eigen::Index end = k;  // the first that is not held
@@ -35,15 +36,16 @@ std::size_t bridge_held(Segment& s, double step) {
         before * missed > 0.0 && std::abs(before) * samples > kMinJumpShare * std::abs(missed);
     if (moves && under_way && made / missed > kMinJumpShare) {
       for (Eigen::Index i = k; i < end; ++i) {
-        s.actual(i) = s.actual(k - 1) + made * static_cast<double>(i - k + 1) / samples;
+        const double away = made * static_cast<double>(i - k + 1) / samples;
+        s.actual(i) = s.actual(k - 1) + away;
+        squares += away * away;
         // What holds a row holds the motor's encoder as well.
         if (s.actual_motor.size() == s.size()) s.actual_motor(i) = kAbsent;
       }
-      held += static_cast<std::size_t>(end - k);
+      found += static_cast<std::size_t>(end - k);
     }
     k = end;
   }
-  return held;
 }
 
 }  // namespace
@@ -56,7 +58,12 @@ DroppedSamples bridge_dropped(SegmentedAxis& axis, double encoder_step) {
       static_cast<std::size_t>(std::count_if(splits.begin(), splits.end(), [](const auto& split) {
         return split.length_s <= kLongestLoss_s;
       }));
-  for (Segment& s : axis.segments) out.held += bridge_held(s, encoder_step);
+  double squares = 0.0, samples = 0.0;
+  for (Segment& s : axis.segments) {
+    bridge_held(s, encoder_step, out.held, squares);
+    samples += static_cast<double>(s.size());
+  }
+  out.held_rms = samples > 0.0 ? std::sqrt(squares / samples) : 0.0;
   return out;
 }
 

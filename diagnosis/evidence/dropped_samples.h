@@ -18,8 +18,13 @@ struct DroppedSamples {
   std::size_t missing = 0;  ///< missing rows, interpolated when the recording was read
   std::size_t gaps = 0;     ///< longer gaps, at which the recording was split, up to kLongestLoss_s
   std::size_t held = 0;     ///< samples with a held value
-  /// Whether samples were lost. One or two repeated values may be real motion.
-  [[nodiscard]] bool any() const { return missing + gaps > 0 || held > 2; }
+  /// Distance of held values from the motion: RMS over all samples of the recording [m | rad].
+  double held_rms = 0.0;
+  /// Whether samples were lost. One or two repeated values may be real motion, unless they alone
+  /// make a larger error than the noise of the recording, `noise` [m | rad]; NaN: not known.
+  [[nodiscard]] bool any(double noise) const {
+    return missing + gaps > 0 || held > 2 || held_rms > noise;
+  }
 };
 
 /// Counts the lost samples, and interpolates the held ones in these segments. `encoder_step`

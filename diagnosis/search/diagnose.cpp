@@ -396,7 +396,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     if (flexible && cause.gain.after > kMaxRmsRatioOfClearGain * cause.gain.before)
       cause.doubt = CauseDoubt::kGain;
   }
-  if (dropped.any()) {
+  if (dropped.any(floor.rms)) {
     const std::vector<Segment> as_recorded = held_out(recorded.segments, holdout_from_s);
     out.causes.push_back(cause_of_dropped(dropped, extended, as_recorded, holdout));
   }

@@ -33,7 +33,7 @@ SegmentedAxis moving() {
 
 TEST(DroppedSamples, NoneWhereEveryValueIsNew) {
   SegmentedAxis axis = moving();
-  EXPECT_FALSE(bridge_dropped(axis, kEncoderStep).any());
+  EXPECT_FALSE(bridge_dropped(axis, kEncoderStep).any(0.0));
 }
 
 TEST(DroppedSamples, HeldValuesAreCountedAndBridged) {
@@ -58,8 +58,21 @@ TEST(DroppedSamples, TwoValuesThatRepeatAreNoneAndThreeAre) {
       axis.segments[0].actual(1900 + 40 * i) = axis.segments[0].actual(1899 + 40 * i);
     const DroppedSamples dropped = bridge_dropped(axis, kEncoderStep);
     EXPECT_EQ(dropped.held, static_cast<std::size_t>(repeats));
-    EXPECT_EQ(dropped.any(), repeats > 2);
+    EXPECT_EQ(dropped.any(kAbsent), repeats > 2);
   }
+}
+
+TEST(DroppedSamples, OneValueFarBeyondTheNoiseIsOne) {
+  SegmentedAxis axis = moving();
+  Segment& s = axis.segments[0];
+  const double jump = s.actual(1900) - s.actual(1899);
+  s.actual(1900) = s.actual(1899);
+  const DroppedSamples dropped = bridge_dropped(axis, kEncoderStep);
+  EXPECT_EQ(dropped.held, 1U);
+  const double rms = std::abs(jump) / std::sqrt(4000.0);
+  EXPECT_NEAR(dropped.held_rms, rms, 0.01 * rms);
+  EXPECT_TRUE(dropped.any(0.9 * rms));
+  EXPECT_FALSE(dropped.any(1.1 * rms));
 }
 
 TEST(DroppedSamples, AnAxisThatSticksIsNone) {
