@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 
 #include "diagnosis/evidence/dropped_samples.h"
 #include "diagnosis/search/conclusion.h"
@@ -154,7 +155,7 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
     less.structure = without(rest.structure, cause->id, kind);
     // The law of a cause that was doubted may have contained it.
     const bool contained = less.structure.effects == rest.structure.effects;
-    if (contained || !search.fit(less, {point_of(all.model, less.structure)})) {
+    if (contained || !search.fit_less(less, {point_of(all.model, less.structure)}, rest.model)) {
       cause->doubt = CauseDoubt::kGain;
       continue;
     }
@@ -274,8 +275,9 @@ class GainOfCauses {
       if (!named && selected_.undelayed) less = *selected_.undelayed;
       return less;
     }
-    if (Hypothesis fitted = less; search_.fit(fitted, {point_of(current.model, less.structure),
-                                                       point_of(baseline_, less.structure)})) {
+    if (Hypothesis fitted = less; search_.fit_less(
+            fitted, {point_of(current.model, less.structure), point_of(baseline_, less.structure)},
+            model_)) {
       less = std::move(fitted);
     }
     // The baseline never had a cause that was found later, and may be the better model without it.
@@ -516,6 +518,13 @@ void DiagnoseOptions::begin(std::string_view what) const {
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   require_encoder(axis);
   Diagnosis out = diagnose_away_from_limit(axis, options);
+  // Asked of the loop beside the causes: that of the baseline may be any, where they are large.
+  for (const std::complex<double>& root : roots_of(out.extended.model.loop)) {
+    if (root.imag() <= 0.0) continue;
+    if (const std::string why = why_too_few_samples(std::abs(root), axis.sample_time_s);
+        !why.empty())
+      throw std::runtime_error(axis.axis + ": " + why);
+  }
   if (has_torque(axis)) {
     const double share = options.identify.training_share.value_or(training_share_of(axis.segments));
     out.extended.torque =

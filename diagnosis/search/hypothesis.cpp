@@ -40,6 +40,33 @@ double shape_of(const Model& model, std::size_t kind, std::string_view name) {
   return kAbsent;
 }
 
+Model begun_from(const Model& model, const Structure& structure) {
+  Model out = model;
+  out.effects.clear();
+  const auto law = std::find_if(model.effects.begin(), model.effects.end(),
+                                [](const Effect& e) { return is_friction_law(e.kind); });
+  const std::vector<double> shapes = point_of(model, structure).shapes;
+  std::size_t at = 0;
+  for (const std::size_t kind : structure.effects) {
+    const std::size_t count = shapes_of(kind).size();
+    if (const Effect* known = model.find(kind)) {
+      out.effects.push_back(*known);
+    } else {
+      Effect other;
+      other.kind = kind;
+      std::copy_n(shapes.begin() + static_cast<std::ptrdiff_t>(at), count, other.shape.begin());
+      if (is_friction_law(kind) && law != model.effects.end()) {
+        const std::size_t levels = std::max<std::size_t>(1, free_elements_of(kind));
+        for (std::size_t k = 0; k < levels; ++k)
+          other.coefficient[k] = level_of(*law) / static_cast<double>(levels);
+      }
+      out.effects.push_back(other);
+    }
+    at += count;
+  }
+  return out;
+}
+
 Point point_of(const Model& model, const Structure& structure) {
   Point point{model.loop.denominator, {}};
   for (const std::size_t kind : structure.effects) {

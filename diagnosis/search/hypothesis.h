@@ -29,6 +29,11 @@ struct Hypothesis {
 /// of the catalogue where the model has none.
 [[nodiscard]] Point point_of(const Model& model, const Structure& structure);
 
+/// A model of the structure to begin a fit in free simulation with. `model`, of the same order,
+/// gives the loop, the effects that both have, and to another law of friction its level and travel.
+/// Further effects do nothing yet.
+[[nodiscard]] Model begun_from(const Model& model, const Structure& structure);
+
 /// Whether the structure is that of an axis of two masses.
 [[nodiscard]] bool has_two_masses(const Structure& structure);
 /// Whether it has a filter of the control.

@@ -179,29 +179,13 @@ std::optional<Model> Search::start_in_simulation(const Hypothesis& h) const {
                  h.structure.effects.end(), is_of))
     return h.model;
   if (!followed_ || followed_->model.loop.order != h.structure.order) return std::nullopt;
-  Model out = followed_->model;
-  out.effects.clear();
+  const Model& followed = followed_->model;
+  const bool has_law = std::any_of(followed.effects.begin(), followed.effects.end(),
+                                   [](const Effect& e) { return is_friction_law(e.kind); });
   for (const std::size_t kind : h.structure.effects) {
-    if (const Effect* known = followed_->model.find(kind)) {
-      out.effects.push_back(*known);
-      continue;
-    }
-    // Another law of friction, at the level of the one before.
-    const auto& effects = followed_->model.effects;
-    const auto law = std::find_if(effects.begin(), effects.end(),
-                                  [](const Effect& e) { return is_friction_law(e.kind); });
-    if (!is_friction_law(kind) || law == effects.end()) return std::nullopt;
-    Effect other;
-    other.kind = kind;
-    std::size_t i = 0;
-    for (const Parameter& p : shapes_of(kind)) other.shape[i++] = p.start;
-    const std::size_t elements = free_elements_of(kind);
-    const std::size_t levels = std::max<std::size_t>(1, elements);
-    for (std::size_t k = 0; k < levels; ++k)
-      other.coefficient[k] = level_of(*law) / static_cast<double>(levels);
-    out.effects.push_back(other);
+    if (followed.find(kind) == nullptr && !(is_friction_law(kind) && has_law)) return std::nullopt;
   }
-  return out;
+  return begun_from(followed, h.structure);
 }
 
 bool Search::refit_in_simulation(Hypothesis& h) {
@@ -285,6 +269,22 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to
   h.structure = found->structure;
   h.model = found->model;
   h.point = point_of(h.model, h.structure);
+  return true;
+}
+
+bool Search::fit_less(Hypothesis& h, const std::vector<Point>& from, const Model& model) {
+  Hypothesis simulated = h;
+  const bool fits = fit(h, from);
+  if (only_in_simulation(h.structure) || model.loop.order != h.structure.order) return fits;
+  simulated.model = begun_from(model, simulated.structure);
+  if (!why_invalid(simulated.model).empty()) return fits;
+  polish(simulated);
+  simulated.point = point_of(simulated.model, simulated.structure);
+  simulated.cost = left_in_training(simulated.model);
+  if (!std::isfinite(simulated.cost) || !is_plausible(simulated.model) ||
+      (fits && left_in_training(h.model) <= simulated.cost))
+    return fits;
+  h = std::move(simulated);
   return true;
 }
 

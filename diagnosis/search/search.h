@@ -1,6 +1,7 @@
 // Hypotheses about the effects that act on an axis, fitted and judged on the training data only.
-// Units: SI, rad instead of m on rotary axes. `fit`, `fit_friction`, `vary` and the `judge`s of
-// several hypotheses may run at the same time after `follow`; everything else on one thread.
+// Units: SI, rad instead of m on rotary axes. `fit`, `fit_friction`, `polish`, `vary` and the
+// `judge`s of several hypotheses may run at the same time after `follow`; everything else on one
+// thread.
 #pragma once
 
 #include <atomic>
@@ -24,6 +25,10 @@ class Search {
   /// Fits the hypothesis to the training data, starting from these points; from the grid of poles
   /// where `from` is empty. False where there is no valid fit.
   [[nodiscard]] bool fit(Hypothesis& h, const std::vector<Point>& from);
+  /// The same for a model without one of the effects of `model`: the better one of that fit and of
+  /// one in free simulation that begins with the rest of `model`. Along a measured motion the other
+  /// parameters may take over less than they can, and the effect would seem to be worth more.
+  [[nodiscard]] bool fit_less(Hypothesis& h, const std::vector<Point>& from, const Model& model);
   /// Fits it to other segments than the training data, and in free simulation. False where there is
   /// no valid fit.
   [[nodiscard]] bool fit_elsewhere(Hypothesis& h, const std::vector<Segment>& segments);

@@ -35,8 +35,11 @@ void Selector::run() {
     ask_again_beside_filter();
     add_causes();
   }
-  if (free_law()) add_causes();
-  if (part_masses()) add_causes();
+  if (better_law()) add_causes();
+  if (part_masses()) {
+    better_law();
+    add_causes();
+  }
   if (law_beside_rests()) add_causes();
   replace_misfit_by_law();
   give_filter_to_baseline();

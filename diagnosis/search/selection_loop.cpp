@@ -132,7 +132,7 @@ std::vector<Point> Selector::starts_in_other_order(const Structure& structure) c
 }
 
 void Selector::integrator() {
-  if (now_.current.structure.order != 2) return;
+  if (now_.current.structure.order != 2 || options_.identify.order != 0) return;
   Hypothesis h;
   h.structure = now_.current.structure;
   h.structure.order = 3;

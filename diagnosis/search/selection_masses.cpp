@@ -5,6 +5,7 @@
 
 #include "diagnosis/search/selector.h"
 #include "diagnosis/statistics/thresholds.h"
+#include "identification/loop/structure_choice.h"
 #include "identification/loop/two_mass_fit.h"
 #include "twin/two_mass_axis.h"
 
@@ -179,9 +180,8 @@ bool Selector::accept_two_masses(Hypothesis two_masses) {
                           ? known->second.cause
                           : cause_by_improvement(cause_of(kind), before.current);
   now_.found[cause.id] = {cause, kind};
-  const auto& effects = now_.current.structure.effects;
-  const auto law = std::find_if(effects.begin(), effects.end(), is_friction_law);
-  if (law != effects.end() && *law != kind_of<CoulombFriction>()) named_by(*law, cause);
+  if (const std::size_t law = law_of(now_.current.structure); law != kind_of<CoulombFriction>())
+    named_by(law, cause);
   last_ = cause.id;
   steps_.push_back(text("  %s: added", cause.id.c_str()));
   rejected_.clear();

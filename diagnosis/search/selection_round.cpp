@@ -63,14 +63,15 @@ bool Selector::add_one() {
     return false;
   }
   // Of two candidates that the blocks do not distinguish, prefer the one with fewer parameters.
-  // Pushes at free moments follow whatever happens at a few breakaways: what acts by a law is
-  // preferred to them, even where alone it could be the misfit of the law of friction.
+  // Pushes at free moments follow whatever happens at a few breakaways. What acts by a law is
+  // preferred to them, even where the pushes leave less, and even where what it explains is no more
+  // than the misfit of a law of friction may be.
   const Bar beside_pushes{baseline_, 0.0, kinds.size()};
   for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
     const bool before_pushes = acts_at_moments(chosen->screened.kind);
     if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
         judged(*rival, before_pushes ? beside_pushes : bar).earned &&
-        share_won(*chosen, *rival) < kMinShareToExcludeRival &&
+        (before_pushes || share_won(*chosen, *rival) < kMinShareToExcludeRival) &&
         1.0 - rival->left() > (before_pushes ? kMinGainShareOfRival : kMinGainShareOfSimpler) *
                                   (1.0 - chosen->left()))
       chosen = rival;

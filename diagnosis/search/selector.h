@@ -150,12 +150,21 @@ class Selector {
   /// Replaces presliding and falling friction, two effects, by one law of friction where that
   /// predicts better.
   void one_law_of_friction();
-  /// Where the residual stays large with a law of friction, the law itself may be wrong: tries one
-  /// whose virgin curve is free. True where that is clearly better and was accepted.
-  bool free_law();
+  /// The law of friction was chosen before the causes beside it were known: where much is left with
+  /// them, tries the other ones, but for an axis with play. True where one is clearly better and
+  /// was accepted.
+  bool better_law();
   /// A law whose breakaway force is high and falls at once stands for one that grows at rest: tries
   /// that beside every law of friction. True where it is clearly better.
   bool law_beside_rests();
+  /// The best of these laws in place of the present one, with another effect where it is given, by
+  /// its fit in free simulation. Nothing where none can be fitted.
+  [[nodiscard]] std::optional<Hypothesis> best_of_laws(const std::vector<std::size_t>& laws,
+                                                       const Screened* beside);
+  /// Judges it on blocks whose models are refitted in free simulation.
+  void judge_in_simulation(Hypothesis& h) const;
+  /// Makes it the present model. False where it is not clearly better, also once it is refitted.
+  bool accept_law(Hypothesis h);
   /// The misfit of a wrong law of friction can look like backlash, a mode or dwell stiction:
   /// removes such a cause where another law of friction fits as well without it.
   void replace_misfit_by_law();

@@ -13,6 +13,10 @@
 #include "diagnosis/report/report.h"
 #include "drivers/recordings/recording_file.h"
 #include "identification/least_squares/parallel.h"
+#include "identification/loop/identify.h"
+#include "identification/loop/output_error.h"
+#include "identification/loop/structure_choice.h"
+#include "identification/recording/segments.h"
 #include "tests/support/real_data.h"
 #include "tests/virtual_machine/axis.h"
 #include "tests/virtual_machine/program.h"
@@ -124,6 +128,29 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   EXPECT_TRUE(diagnosis.extended.loop_covariance.has_value());
 }
 
+// 50 samples per second of a loop of 30 Hz.
+TEST(LongDiagnosis, OfTooFewSamplesForTheLoopIsRefused) {
+  SegmentedAxis axis = segment_axis(
+      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
+  constexpr Eigen::Index kEvery = 20;
+  axis.sample_time_s *= kEvery;
+  for (Segment& s : axis.segments) {
+    Segment thin;
+    thin.start_s = s.start_s;
+    thin.sample_time_s = axis.sample_time_s;
+    const auto rows = Eigen::seqN(0, (s.size() - 1) / kEvery + 1, kEvery);
+    thin.command = s.command(rows);
+    thin.actual = s.actual(rows);
+    s = std::move(thin);
+  }
+  try {
+    (void)diagnose(axis);
+    FAIL() << "not refused";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("samples per second do not show whether it is faster"));
+  }
+}
+
 TEST(Diagnosis, IsTheSameOnAnyNumberOfThreads) {
   SegmentedAxis axis = segment_axis(
       read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
@@ -182,6 +209,16 @@ TEST(LongDiagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
   for (const Cause& cause : diagnosis.causes) {
     EXPECT_LT(cause.gain.after, cause.gain.before) << cause.id;
     EXPECT_GT(cause.gain.low, 0.0) << cause.id;
+    // What the other parameters can take over is none of its gain: a fit in free simulation that
+    // begins with the model without it hardly finds a better one.
+    ASSERT_TRUE(cause.without.has_value()) << cause.id;
+    const std::vector<Segment> training =
+        cut(axis.segments, -1e300, diagnosis.baseline.training_to_s);
+    const auto again = output_error(training, structure_of(*cause.without), *cause.without,
+                                    {.encoder_step = 1e-9});
+    ASSERT_TRUE(again.has_value()) << cause.id;
+    EXPECT_GT(judge(again->model, training).rms, 0.9 * judge(*cause.without, training).rms)
+        << cause.id;
   }
 
   const nlohmann::json file_of = to_json(diagnosis, "m2.json");
