@@ -22,22 +22,22 @@ namespace servotwin {
 namespace {
 
 constexpr double kShortPart_s = 8.0;   // for the comparison of fitted starts
-constexpr double kRankedPart_s = 4.0;  // for that of starts as they are
+constexpr double kRankedPart_s = 4.0;  // for that of starts as they are, and after a few rounds
 constexpr double kUnfittedRms = 1e300;
 constexpr int kMostFitsToAll = 2;  // if the first one is not plausible
-// Starts of the grid that are tried on that part in a few rounds, of one kind and in all, and those
-// of them that are fitted on.
+// Starts of the grid that are tried in a few rounds on the shorter part, of one kind and in all,
+// and those of them that are fitted on.
 constexpr std::ptrdiff_t kTriedOfKind = 4, kTriedStarts = 16, kFittedStarts = 6;
 // The same beside other causes: with their parameters a round takes several times as long, and the
 // rigid loop beside them is nearer.
 constexpr std::ptrdiff_t kTriedOfKindBesideCauses = 2, kTriedStartsBesideCauses = 6,
                          kFittedStartsBesideCauses = 3;
-// On that part, over that of the model to beat, above which a start beside causes is given up: a
-// spring or a gap that a rigid model with these causes lacks lowers it at once. Not where the model
-// to beat vibrates or has a gap itself.
+// On the shorter part, over that of the model to beat, above which a start beside causes is given
+// up: a spring or a gap that a rigid model with these causes lacks lowers it at once. Not where the
+// model to beat vibrates or has a gap itself.
 constexpr double kMaxRmsRatioBesideCauses = 0.97;
-constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
-constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
+constexpr double kMaxRmsRatioToGoOn = 3.0;  // on the longer part, over that of the model to beat
+constexpr double kMaxRmsRatioOfPlay = 0.9;  // on either part, over that without play
 
 /// How much faster than the rigid fit the loop may be.
 constexpr std::array kFaster{1.0, 1.6, 2.6};
@@ -357,22 +357,28 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   const auto rank = [&](const Start& s) {
     return s.rms / (plays(s.model) ? kMaxRmsRatioOfPlay : 1.0);
   };
-  const auto fit_and_sort = [&](std::vector<Start>& some, int rounds,
-                                const std::vector<std::size_t>& held = {}) {
-    in_parallel(some.size(), [&](std::size_t i) { fit(some[i], part, rounds, 1, held); });
+  const auto fit_and_sort = [&](std::vector<Start>& some, const std::vector<Segment>& to,
+                                int rounds, const std::vector<std::size_t>& held = {}) {
+    in_parallel(some.size(), [&](std::size_t i) { fit(some[i], to, rounds, 1, held); });
     std::sort(some.begin(), some.end(),
               [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   };
-  fit_and_sort(tried, 3, causes_in(structure));
+  fit_and_sort(tried, ranked, 3, causes_in(structure));
   // What no machine has comes last.
   std::stable_partition(tried.begin(), tried.end(),
                         [&](const Start& s) { return s.rms < kUnfittedRms && plausible(s.model); });
   tried.resize(std::min(tried.size(), static_cast<std::size_t>(fit_on)));
-  const double goes_on = beside && is_rigid ? kMaxRmsRatioBesideCauses : kMaxRmsRatioToGoOn,
-               enough = std::min(rms_on(rigid, part), goes_on * rms_on(to_beat, part));
-  if (beside && is_rigid) std::erase_if(tried, [&](const Start& s) { return !(s.rms < enough); });
+  const double goes_on = beside && is_rigid ? kMaxRmsRatioBesideCauses : kMaxRmsRatioToGoOn;
+  const auto enough_on = [&](const std::vector<Segment>& some) {
+    return std::min(rms_on(rigid, some), goes_on * rms_on(to_beat, some));
+  };
+  if (beside && is_rigid) {
+    const double there = enough_on(ranked);
+    std::erase_if(tried, [&](const Start& s) { return !(s.rms < there); });
+  }
+  const double enough = enough_on(part);
   fitted.insert(fitted.end(), tried.begin(), tried.end());
-  fit_and_sort(fitted, 8);
+  fit_and_sort(fitted, part, 8);
   int tries = kMostFitsToAll;
   for (Start& one : fitted) {
     if (!(one.rms < enough) || !plausible(one.model)) continue;
