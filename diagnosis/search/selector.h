@@ -157,8 +157,8 @@ class Selector {
   /// A law whose breakaway force is high and falls at once stands for one that grows at rest: tries
   /// that beside every law of friction. True where it is clearly better.
   bool law_beside_rests();
-  /// The best of these laws in place of the present one, with another effect where it is given, by
-  /// its fit in free simulation. Nothing where none can be fitted.
+  /// Fits each of these laws in place of the present one, in free simulation, and returns the best.
+  /// `beside`: an effect that is fitted with it; may be null. Nothing where no law can be fitted.
   [[nodiscard]] std::optional<Hypothesis> best_of_laws(const std::vector<std::size_t>& laws,
                                                        const Screened* beside);
   /// Judges it on blocks whose models are refitted in free simulation.
