@@ -244,6 +244,8 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std
   out.csv =
       csv_of(axes, out.sample_time_s, lose_rows ? with_all.reading.stuck : std::vector<bool>{},
              with_all.reading.torque_unit);
+  out.rig = std::move(with_all);
+  out.rig.external_force.clear();
   return out;
 }
 

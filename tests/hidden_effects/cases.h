@@ -67,6 +67,7 @@ struct Case {
   int draws = 1;             ///< number of machines drawn until one reached the class
   std::string machine;       ///< description in one line
   bool torque = false;       ///< it is recorded
+  Rig rig;                   ///< of axis X with its effects, but for d(t)
   /// time[s],X.command[mm],X.actual[mm], with X.actual_motor and X.torque where they are recorded,
   /// and the same of Y.
   std::string csv;

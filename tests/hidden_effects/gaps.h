@@ -1,10 +1,11 @@
 // Why a hidden effect is missed: the three questions of one case, asked in this order.
 //
 //   representation  The true structure of the twin (order of the loop, a law of friction of the
-//                   machine's family, an effect of the true cause) with its shapes started at the
-//                   true parameters, fitted in free simulation to the whole recording: does it
-//                   leave no more than kNoiseFactor times the noise? If not, the twin lacks
-//                   physics.
+//                   machine's family, an effect of the true cause), started at the true parameters
+//                   and fitted in free simulation to the whole recording: does it leave no more
+//                   than kNoiseFactor times the noise? If not, the twin lacks physics. The effect
+//                   is started at the truth beside the machine's own loop and friction, and beside
+//                   those that a fit without it has.
 //   search          The same structure with the shapes that the program's own screening finds: does
 //                   it leave no more than kSearchFactor times that? If not, the fit or its start is
 //                   at fault.
