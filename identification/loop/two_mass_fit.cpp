@@ -11,7 +11,7 @@
 #include "identification/loop/gap_scan.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/output_error.h"
-#include "identification/loop/two_mass_poles.h"
+#include "identification/loop/two_mass_search.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/segments.h"
 #include "twin/twin.h"
@@ -39,80 +39,49 @@ constexpr double kMaxRmsRatioBesideCauses = 0.97;
 constexpr double kMaxRmsRatioToGoOn = 3.0;  // on the longer part, over that of the model to beat
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on either part, over that without play
 
-/// How much faster than the rigid fit the loop may be.
-constexpr std::array kFaster{1.0, 1.6, 2.6};
-constexpr std::array kFrequencies_hz{12.0, 25.0, 50.0, 100.0, 200.0};
-// Of a vibration that the loop damps.
-constexpr std::array kDampingsInLoop{0.15, 0.4, 0.7};
 // Contacts are stiff: two frequencies are near enough.
 constexpr std::array kContacts_hz{80.0, 250.0};
 constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
-// A spring faster than this is not seen in the samples; a contact is, by when it hits.
-constexpr double kMaxFrequency = 0.3;  // of the sampling rate
 constexpr int kMaxSeekSimulations = 400;
 constexpr double kSeekStep = 0.1;        // the first one, of the logarithm of a parameter
 constexpr double kSeekTolerance = 1e-5;  // of the RMS
-constexpr double kMaxStartShare = 0.9;   // of the load, away from its bound
-
-/// The same loop with poles that are faster by this factor; its lag at constant speed and its
-/// error by a constant force stay.
-Model faster(Model model, double factor) {
-  double power = 1.0;
-  for (std::size_t i = 0; i < kMaxOrder; ++i) {
-    power *= factor;
-    model.loop.denominator[i] *= power;
-    if (i > 0) model.loop.numerator[i] *= power;
-  }
-  for (Effect& effect : model.effects) {
-    if (!is_friction(effect.kind)) continue;
-    for (double& c : effect.coefficient) c *= factor * factor;
-  }
-  return model;
-}
+// Difference of log likelihoods up to which chance decides: what an information criterion charges a
+// parameter.
+constexpr double kMinEvidence = 1.0;
+constexpr double kMaxStartShare = 0.9;  // of load and friction on it, away from their bounds
 
 struct Start {
   Model model;
   double rms = kUnfittedRms;
 };
 
+/// The geometric mean of both encoders where both are recorded, as the likelihood weighs them:
+/// which of them closes the loop shows at either.
 double rms_on(const Model& model, const std::vector<Segment>& segments) {
-  const double rms = judge(model, segments).rms;
+  const ErrorFigures left = judge(model, segments);
+  const double rms =
+      std::isfinite(left.motor_rms) ? std::sqrt(left.rms * left.motor_rms) : left.rms;
   return std::isfinite(rms) ? rms : kUnfittedRms;
 }
 
-std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
+/// Gaps of several widths, with a stiff contact.
+std::vector<Start> gaps_of(const Model& rigid, std::size_t kind) {
   std::vector<Start> out;
   Effect effect;
   effect.kind = kind;
-  std::size_t width = kMaxShapes, i = 0;
+  std::size_t width = 0, i = 0;
   for (const Parameter& p : shapes_of(kind)) {
     if (p.name == "width") width = i;
     effect.shape[i++] = p.start;
   }
-  effect.shape[3] = 0.9;  // of the friction on the load: within its bounds
-  const auto add = [&](double factor, double frequency_hz) {
-    if (width == kMaxShapes && frequency_hz * rigid.sample_time_s > kMaxFrequency) return;
-    effect.shape[0] = frequency_hz;
-    Model model = faster(rigid, factor);
-    model.effects.push_back(effect);
-    if (why_invalid(model).empty()) out.push_back({std::move(model)});
-  };
-  if (width == kMaxShapes) {
-    for (const double factor : kFaster) {
-      for (const double f : kFrequencies_hz) {
-        add(factor, f);
-        if (f * rigid.sample_time_s > kMaxFrequency) continue;
-        const Loop loop = faster(rigid, factor).loop;
-        for (const double zeta : kDampingsInLoop) {
-          if (auto one = two_masses_with_poles(loop, {f, zeta}, rigid, kind))
-            out.push_back({std::move(*one)});
-        }
-      }
-    }
-  } else {
-    for (const double gap : kWidths) {
-      effect.shape[width] = gap;
-      for (const double f : kContacts_hz) add(1.0, f);
+  effect.shape[3] = kMaxStartShare;
+  for (const double gap : kWidths) {
+    effect.shape[width] = gap;
+    for (const double f : kContacts_hz) {
+      effect.shape[0] = f;
+      Model model = rigid;
+      model.effects.push_back(effect);
+      if (why_invalid(model).empty()) out.push_back({std::move(model)});
     }
   }
   return out;
@@ -222,6 +191,42 @@ bool vibrates(const Effect& effect) {
          std::find(kKinds.begin(), kKinds.end(), effect.kind) != kKinds.end();
 }
 
+/// Friction by this law, with the level and travel of the old one.
+Effect with_law(const Effect& old, std::size_t law) {
+  Effect out;
+  out.kind = law;
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(law)) out.shape[i++] = p.start;
+  if (shapes_of(old.kind)[0].unit == shapes_of(law)[0].unit)
+    out.shape[0] = std::clamp(old.shape[0], shapes_of(law)[0].lower, shapes_of(law)[0].upper);
+  out.coefficient[0] = level_of(old);
+  return out;
+}
+
+/// A spring of each of these kinds, by which the loop is closed or which encoder is recorded, and
+/// the same with Coulomb friction where the rigid axis has another law: that was fitted as if there
+/// were no spring.
+std::vector<Start> springs_of(const std::vector<Segment>& segments, const Structure& structure,
+                              const Model& rigid, const std::vector<std::size_t>& kinds) {
+  std::vector<Start> out;
+  for (const std::size_t kind : kinds) {
+    Effect effect;
+    effect.kind = kind;
+    if (without_play(effect).kind != kind) continue;
+    const auto one = two_mass_start(segments, structure, rigid, kind);
+    if (!one) continue;
+    out.push_back({one->model});
+    for (std::size_t at = 0; at < one->model.effects.size(); ++at) {
+      const Effect& old = one->model.effects[at];
+      if (!is_friction_law(old.kind) || old.kind == kind_of<CoulombFriction>()) continue;
+      out.push_back({one->model});
+      out.back().model.effects[at] = with_law(old, kind_of<CoulombFriction>());
+      break;
+    }
+  }
+  return out;
+}
+
 /// When the sample of this number is taken, counted through all segments.
 double time_of(const std::vector<Segment>& segments, std::size_t sample) {
   for (const Segment& s : segments) {
@@ -245,18 +250,6 @@ std::vector<Segment> short_part(const std::vector<Segment>& segments, double dur
   std::vector<Segment> out = cut(segments, time_of(segments, best) - 0.5 * h,
                                  time_of(segments, best + length - 1) + 0.5 * h);
   return out.empty() ? segments : out;
-}
-
-/// Friction by this law, with the level and travel of the old one.
-Effect with_law(const Effect& old, std::size_t law) {
-  Effect out;
-  out.kind = law;
-  std::size_t i = 0;
-  for (const Parameter& p : shapes_of(law)) out.shape[i++] = p.start;
-  if (shapes_of(old.kind)[0].unit == shapes_of(law)[0].unit)
-    out.shape[0] = std::clamp(old.shape[0], shapes_of(law)[0].lower, shapes_of(law)[0].upper);
-  out.coefficient[0] = level_of(old);
-  return out;
 }
 
 }  // namespace
@@ -305,9 +298,12 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
                                          const Model& to_beat,
                                          const std::vector<std::size_t>& kinds, double encoder_step,
                                          const Plausible& plausible) {
-  std::vector<Start> starts;
+  std::vector<Start> starts, fitted = springs_of(segments, structure, rigid, kinds);
   for (const std::size_t kind : kinds) {
-    for (Start& one : starts_of(rigid, kind)) starts.push_back(std::move(one));
+    Effect effect;
+    effect.kind = kind;
+    if (without_play(effect).kind == kind) continue;
+    for (Start& one : gaps_of(rigid, kind)) starts.push_back(std::move(one));
   }
   const std::vector<Segment> part = short_part(segments, kShortPart_s),
                              ranked = short_part(segments, kRankedPart_s);
@@ -324,13 +320,9 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     }
   }
   std::sort(starts.begin(), starts.end(), best_first);
-  std::vector<Start> fitted;
-  // From these gains the error may be larger than that of a poor start: feed-forward is not known.
-  for (const std::size_t kind : kinds) {
-    if (auto one = two_masses_with_poles_of(to_beat, rigid, kind)) fitted.push_back({*one});
-  }
   const auto structure_of = [&](const Model& model) {
     Structure out = structure;
+    for (std::size_t i = 0; i < out.effects.size(); ++i) out.effects[i] = model.effects[i].kind;
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
   };
@@ -379,6 +371,29 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   const double enough = enough_on(part);
   fitted.insert(fitted.end(), tried.begin(), tried.end());
   fit_and_sort(fitted, part, 8);
+  const bool both_recorded = std::all_of(segments.begin(), segments.end(), [](const Segment& s) {
+    return s.actual_motor.size() == s.size();
+  });
+  if (both_recorded && !fitted.empty() && !plays(fitted.front().model)) {
+    // Which of them closes the loop changes the error by less than a fit that has not ended yet.
+    std::vector<Start> closings;
+    for (const Start& one : fitted) {
+      const std::size_t kind = two_mass_of(one.model)->kind;
+      const bool is_new = std::none_of(closings.begin(), closings.end(), [&](const Start& other) {
+        return two_mass_of(other.model)->kind == kind;
+      });
+      if (is_new && !plays(one.model) && one.rms < enough) closings.push_back(one);
+    }
+    fit_and_sort(closings, segments, kFitRounds);
+    // Where chance decides, the load's encoder closes it: few machines have one for less.
+    double readings = 0.0;
+    for (const Segment& s : segments) readings += 2.0 * static_cast<double>(s.size());
+    std::stable_partition(closings.begin(), closings.end(), [&](const Start& one) {
+      return two_mass_parameters(*two_mass_of(one.model)).encoders == Encoders::kLoad &&
+             readings * std::log(one.rms / closings.front().rms) < kMinEvidence;
+    });
+    fitted.insert(fitted.begin(), closings.begin(), closings.end());
+  }
   int tries = kMostFitsToAll;
   for (Start& one : fitted) {
     if (!(one.rms < enough) || !plausible(one.model)) continue;

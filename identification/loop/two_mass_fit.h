@@ -1,8 +1,9 @@
 // The fit of an axis of two masses in place of a rigid one (twin/two_mass_axis.h).
 //
-// A loop that was fitted as if the axis were rigid has taken over a part of the vibration: it is
-// too slow. So the search starts from faster loops as well, over a grid of frequencies and gaps;
-// the best by their simulation are fitted to a part of the recording, the best of those to all.
+// A loop that was fitted as if the axis were rigid has taken over a part of the vibration. Springs
+// are sought in the phases of sliding (two_mass_search.h), gaps from when the load hits
+// (gap_scan.h) and over a grid of widths; they are fitted to a part of the recording, the best of
+// those to all.
 // Units: SI, rad for m on rotary axes. Any thread.
 #pragma once
 
@@ -20,7 +21,7 @@ namespace servotwin {
 struct TwoMassFit {
   Structure structure;
   Model model;
-  double rms = 0.0;  ///< on the segments [m | rad]
+  double rms = 0.0;  ///< on the segments; geometric mean of both encoders [m | rad]
 };
 
 /// Whether a model is physically plausible beyond the bounds of its single parameters.
@@ -29,8 +30,8 @@ using Plausible = std::function<bool(const Model&)>;
 /// The best plausible one of these kinds of effects that make an axis one of two masses, beside the
 /// effects of `rigid`. One with play must be clearly better than the same without it. `to_beat`:
 /// the best model without two masses, which may be `rigid`; what stays far behind it after some
-/// rounds is not fitted on, and where it has a compliance, two masses with its poles are a start.
-/// Nothing if none is valid, or better than `rigid`.
+/// rounds is not fitted on. The law of friction may have become that of Coulomb. Nothing if none is
+/// valid, or better than `rigid`.
 [[nodiscard]] std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
                                                        const Structure& structure,
                                                        const Model& rigid, const Model& to_beat,
