@@ -295,7 +295,8 @@ bool Search::fit_friction(Hypothesis& h, const Point& from) {
   options.tolerance = 1e-5;
   options.from = {from};
   ++fits_;
-  const auto found = joint_fit(training_, h.structure, options, floor_.encoder_step, false);
+  const auto found =
+      joint_fit(training_, h.structure, options, floor_.encoder_step, false, nullptr, kFitStep_s);
   if (!found || !why_invalid(found->model).empty()) return false;
   h.model = found->model;
   h.point = point_of(h.model, h.structure);

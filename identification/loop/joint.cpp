@@ -236,7 +236,7 @@ std::optional<Point> FirstStep::start(bool coupled) {
 
 std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,
                                   const PoleSearchOptions& options, double encoder_step,
-                                  bool polish, const Point* first) {
+                                  bool polish, const Point* first, double step_s) {
   std::vector<Signals> signals;
   for (const Segment& s : segments) signals.push_back(signals_of(s));
   const std::size_t place = friction_place(structure);
@@ -268,7 +268,15 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     fit = pole_search(Projection(signals, simple), from);
     if (!fit) return std::nullopt;
   }
-  Projection data(std::move(signals), structure);
+  const auto thin = [&](Projection all) {
+    return simplest || !(step_s > 0.0) ? std::move(all) : thinned(all, step_s);
+  };
+  Projection data = thin(Projection(std::move(signals), structure));
+  const auto model_of = [&](const Point& at, const Eigen::VectorXd& linear) {
+    Model model = data.model_of(at, linear);
+    model.sample_time_s = segments.front().sample_time_s;  // of the data before thinning
+    return model;
+  };
   std::vector<Point> rivals;
   if (!simplest) {
     int evaluations = fit ? fit->evaluations : 0;
@@ -279,13 +287,13 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     auto fits = refined(data, starts, options, evaluations);
     // Where quantisation dominates the model's error, the simulated motion is more accurate.
     for (int round = 0; round < 2 && !fits.empty(); ++round) {
-      const Model model = data.model_of(fits.front().point, fits.front().solution.linear);
+      const Model model = model_of(fits.front().point, fits.front().solution.linear);
       const double left =
           std::sqrt(2.0 * fits.front().solution.cost / static_cast<double>(data.rows()));
       if (!why_invalid(model).empty() ||
           encoder_step / std::sqrt(12.0) < kMinQuantisationShare * left)
         break;
-      data = Projection(along_simulation(segments, model), structure);
+      data = thin(Projection(along_simulation(segments, model), structure));
       for (Point& start : starts) {
         start.denominator = fits.front().point.denominator;
         start.modes = fits.front().point.modes;
@@ -305,7 +313,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
 
   JointFit out;
   out.fit = *fit;
-  out.projected = data.model_of(fit->point, fit->solution.linear);
+  out.projected = model_of(fit->point, fit->solution.linear);
   out.model = out.projected;
   out.condition_number = condition_number(data, fit->point);
   if (polish) {
@@ -314,7 +322,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     // left the optimum from which it started.
     if (given && structure.modes > 0) {
       const Point& from = options.from.front();
-      auto direct = output_error(segments, structure, data.model_of(from, data.solve(from).linear),
+      auto direct = output_error(segments, structure, model_of(from, data.solve(from).linear),
                                  {encoder_step});
       if (direct && (!polished || direct->minus_log_likelihood < polished->minus_log_likelihood))
         polished = std::move(direct);
@@ -323,7 +331,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     if (polished && polished->sigma < kMaxDeviationOverStep * encoder_step) {
       double least = improbability(*polished);
       for (const Point& rival : rivals) {
-        const Model from = data.model_of(rival, data.solve(rival).linear);
+        const Model from = model_of(rival, data.solve(rival).linear);
         const auto brief = output_error(segments, structure, from, {encoder_step, 30, 1e-6, 3});
         if (!brief || improbability(*brief) >= least) continue;
         auto full = output_error(segments, structure, brief->model, {encoder_step});

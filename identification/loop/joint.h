@@ -67,11 +67,12 @@ class FirstStep {
 /// cross_coupling as the last effect if there is one; `encoder_step` [m | rad] is that of
 /// OutputErrorOptions. If `options.from` has a point (one is used), step 1 is left out and the
 /// point's shapes are a further start of step 3. `first`: the result of step 1 if it is known
-/// already. Nothing if no fit is finite.
+/// already. Steps 2 and 3 of a law of friction with memory, and the covariance of step 3, use data
+/// thinned to a step of at most `step_s`; 0: all. Nothing if no fit is finite.
 [[nodiscard]] std::optional<JointFit> joint_fit(const std::vector<Segment>& segments,
                                                 const Structure& structure,
                                                 const PoleSearchOptions& options,
                                                 double encoder_step, bool polish,
-                                                const Point* first = nullptr);
+                                                const Point* first = nullptr, double step_s = 0.0);
 
 }  // namespace servotwin
