@@ -12,8 +12,10 @@
 #include "diagnosis/search/selection.h"
 #include "diagnosis/search/unexplained.h"
 #include "diagnosis/statistics/text.h"
+#include "diagnosis/statistics/thresholds.h"
 #include "identification/loop/deviations.h"
 #include "identification/loop/joint.h"
+#include "identification/loop/pole_search.h"
 #include "identification/loop/torque_output.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
@@ -435,6 +437,26 @@ struct SecondAttempt {
   }
 };
 
+/// RMS that a loop of this order leaves with Coulomb friction, and the constant force that an
+/// integrator would balance, in the first `share` of the time [m | rad].
+double left_by_order(int order, const SegmentedAxis& axis, double share, const PoleBounds& bounds) {
+  constexpr double kStep_s = 4e-3;  // the orders differ by far more than what thinning changes
+  const double begin = axis.segments.front().start_s, end = axis.segments.back().end_s();
+  std::vector<Signals> signals;
+  for (const Segment& s : cut(axis.segments, -1e300, begin + share * (end - begin)))
+    signals.push_back(signals_of(s));
+  PoleSearchOptions search;
+  search.bounds = bounds;
+  search.tolerance = 1e-4;
+  Structure structure;
+  structure.order = order;
+  structure.effects = {kind_of<CoulombFriction>()};
+  if (order == 2) structure.effects.push_back(kind_of<ConstantForce>());
+  const Projection data = thinned(Projection(std::move(signals), structure), kStep_s);
+  const auto found = pole_search(data, search);
+  return found ? std::sqrt(2.0 * found->solution.cost / static_cast<double>(data.rows())) : 1e300;
+}
+
 std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const SegmentedAxis& axis,
                                            const DiagnoseOptions& options) {
   std::vector<SecondAttempt> out;
@@ -450,8 +472,12 @@ std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const Segment
     out.push_back(next);
   }
   // A cause that makes most of the error distorts the loop that is fitted without it.
-  if (options.identify.order == 0) {
-    const int order = first.baseline.model.loop.order == 2 ? 3 : 2;
+  const int present = first.baseline.model.loop.order, order = present == 2 ? 3 : 2;
+  const double of_time = next.options.identify.training_share.value_or(before);
+  const auto left = [&](int one) {
+    return left_by_order(one, axis, of_time, options.identify.bounds);
+  };
+  if (options.identify.order == 0 && left(order) < kMaxRmsRatioOfOtherOrder * left(present)) {
     next.words += text("%s with a loop of order %d", out.empty() ? "" : " and", order);
     next.options.identify.order = order;
     next.max_unexplained_share = kMaxUnexplainedShareOfOtherOrder;

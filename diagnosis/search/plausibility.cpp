@@ -70,14 +70,17 @@ double fastest_pole(const Loop& loop) {
 /// the lag of the drive feeds, which is not in the model; but only where it is fast beside the
 /// loop: a slow one without damping is a part of the control (a healthy axis got one of 8.7 Hz).
 /// Nor where the velocity loop's integrator takes all of the position gain: no drive is set like
-/// that.
+/// that. Nor where hardly anything is on one side of it: two per cent of the mass on a spring stand
+/// for something else (presliding of an axis in degrees got one of 271 Hz).
 bool is_spring(const Model& model, const Effect& axis) {
   constexpr double kMaxDamping = 0.2, kMaxFrequency = 0.4;  // of the sampling rate
   constexpr double kUndamped = 1.5;            // times the least damping of the catalogue
   constexpr double kMinOverFastestPole = 3.0;  // of the frequency of one without damping
+  constexpr double kMinShareOfMass = 0.025;    // on either side
   const double frequency_hz = axis.shape[0], damping = axis.shape[1];
   if (damping > kMaxDamping || frequency_hz * model.sample_time_s > kMaxFrequency) return false;
   const TwoMassParameters parameters = two_mass_parameters(axis);
+  if (std::min(parameters.load_share, 1.0 - parameters.load_share) < kMinShareOfMass) return false;
   if (parameters.encoders == Encoders::kLoad && model.loop.order == 3 &&
       model.loop.denominator[0] * parameters.reset >= model.loop.denominator[1])
     return false;

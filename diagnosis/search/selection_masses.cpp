@@ -13,9 +13,6 @@ namespace servotwin {
 
 namespace {
 
-// RMS of a rigid axis with a loop of the other order over that with this one, above which two
-// masses are not tried in it.
-constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
 // RMS of two masses over that of a model whose compliance is none of a machine, up to which they
 // take its place: beside the loop such a vibration follows two masses closely, with a frequency and
 // a damping that are those of no spring.

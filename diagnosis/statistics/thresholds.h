@@ -30,4 +30,8 @@ inline constexpr double kMinShareOfHalfPeriod = 0.9;
 inline constexpr double kOf95 = 1.96;
 inline constexpr int kMaxCauses = 6;
 
+// RMS of a rigid axis with a loop of the other order over that with this one, above which the loop
+// is not of the other order: of 104 recordings of the development part at most 1.5 where it is.
+inline constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
+
 }  // namespace servotwin

@@ -86,6 +86,18 @@ TEST(Plausible, ASpringTooFastForTheSamplesIsNone) {
   EXPECT_TRUE(is_plausible(fast));
 }
 
+// An axis in degrees with presliding and nothing else was said to have a spring of 271 Hz that
+// carries two per cent of its inertia.
+TEST(Plausible, ASpringWithHardlyAnyMassOnOneSideIsNone) {
+  Effect effect = spring(200.0, 0.05);
+  for (const double share : {0.02, 0.98}) {
+    effect.shape[2] = share;
+    EXPECT_FALSE(is_plausible(effect)) << share;
+  }
+  effect.shape[2] = 0.1;
+  EXPECT_TRUE(is_plausible(effect));
+}
+
 TEST(Plausible, AnEffectWithoutAGapHasNoneToClose) {
   Effect effect = make_effect<Presliding>();
   effect.coefficient[0] = 0.3;
