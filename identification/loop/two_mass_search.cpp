@@ -40,9 +40,9 @@ constexpr double kMaxLogOfGain = 3.0;      // how far a gain may go, from that o
 // many rows: its starting state takes five of them.
 constexpr double kSlidingShare = 0.03, kShortestPhase_s = 0.03;
 constexpr Eigen::Index kFewestRows = 20;
-// Norm of a column beside the starting states over its own, below which only rounding is left of
-// it: a constant force behind an integrator.
-constexpr double kLeastNorm = 1e-9;
+// Norm of a column without what the starting states can do, over its whole norm, below which only
+// rounding is left: of a constant force behind an integrator.
+constexpr double kMaxNormRatioOfRounding = 1e-9;
 // Its friction may fall with speed, within these [m/s] times the stretch of the axis.
 constexpr std::array kFallingWithin{2e-3, 6e-3, 2e-2};
 constexpr double kUnsolved = 1e300;
@@ -226,7 +226,8 @@ class TwoMassProjection {
     }
     out.solver.emplace(out.shared);
     for (Eigen::Index c = 0; c < columns.cols(); ++c) {
-      if (!(out.shared.col(c).norm() > kLeastNorm * columns.col(c).norm())) out.solver->drop(c);
+      if (!(out.shared.col(c).norm() > kMaxNormRatioOfRounding * columns.col(c).norm()))
+        out.solver->drop(c);
     }
     const Eigen::VectorXd linear = out.solver->take_out(out.residual);
     out.command = {};
