@@ -7,6 +7,7 @@
 
 #include "ilc/transfer.h"
 #include "twin/hold.h"
+#include "twin/neighbour.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -47,9 +48,8 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
   const Eigen::Index n = segment.size();
   const double h = segment.sample_time_s;
   const Spline motion = Spline::through(segment.command, h);
-  const Eigen::ArrayXd neighbour = segment.neighbour.size() == n
-                                       ? Spline::through(segment.neighbour, h).second
-                                       : Eigen::ArrayXd();
+  const Eigen::ArrayXd neighbour = neighbour_acceleration(segment, false),
+                       neighbour_motion = neighbour_acceleration(segment, true);
   CommandedEffects out{Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n)};
   const Effect* two_mass = two_mass_of(model);
   const double friction_share =
@@ -79,6 +79,7 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
       m.command_acceleration = m.acceleration = m.demand = motion.second(k);
       m.time_s = segment.start_s + h * static_cast<double>(k);
       if (neighbour.size() > 0) m.neighbour_acceleration = neighbour(k);
+      if (neighbour_motion.size() > 0) m.neighbour_motion_acceleration = neighbour_motion(k);
       if (segment.in_cut.size() > 0) m.in_cut = segment.in_cut(k);
       m.friction = friction(k);
       unit_forces<double>(effect.kind, effect.shape.data(), memory, m, unit.data());

@@ -26,6 +26,7 @@
 #include "twin/effects/control_filter.h"
 #include "twin/effects/coulomb_friction.h"
 #include "twin/effects/cross_coupling.h"
+#include "twin/effects/cross_coupling_by_motion.h"
 #include "twin/effects/cutting_force.h"
 #include "twin/effects/dahl.h"
 #include "twin/effects/dwell_stiction.h"
@@ -80,10 +81,11 @@ using Catalogue =
                EncoderError, GainChange, ImpulseDisturbance, InertiaChange, LeadError,
                PeriodicDisturbance, ThermalGrowth, TorqueSaturation, ViscousDrift,
                UnexplainedOverPosition, UnexplainedOverVelocity, UnexplainedOverAcceleration,
-               TwoMassMotorEncoder, TwoMassLoadEncoder, TwoMassOutside,  //
-               PlayMotorEncoder, PlayLoadEncoder, PlayOutside,           //
-               SwingingLoad, ControlFilter,                              //
-               TorqueSaturationHolding, TorqueSaturationBackCalculation>;
+               TwoMassMotorEncoder, TwoMassLoadEncoder, TwoMassOutside,   //
+               PlayMotorEncoder, PlayLoadEncoder, PlayOutside,            //
+               SwingingLoad, ControlFilter,                               //
+               TorqueSaturationHolding, TorqueSaturationBackCalculation,  //
+               CrossCouplingByMotion>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model
@@ -200,6 +202,12 @@ inline constexpr std::array kMotorLimits{kind_of<TorqueSaturation>(),
                                          kind_of<TorqueSaturationBackCalculation>()};
 constexpr bool limits_motor(std::size_t kind) {
   return std::find(kMotorLimits.begin(), kMotorLimits.end(), kind) != kMotorLimits.end();
+}
+
+/// The force of another axis, by its command or by its motion. Of one model at most one.
+inline constexpr std::array kCouplings{kind_of<CrossCoupling>(), kind_of<CrossCouplingByMotion>()};
+constexpr bool couples(std::size_t kind) {
+  return std::find(kCouplings.begin(), kCouplings.end(), kind) != kCouplings.end();
 }
 
 /// Whether the effect makes the axis one of two masses (twin/two_mass_axis.h).

@@ -46,17 +46,18 @@ inline constexpr double kNoLaw = std::numeric_limits<double>::quiet_NaN();
 /// The motion of one axis at one sample.
 template <class S>
 struct MotionOf {
-  double step_s = 0.0;                  ///< sampling time [s]
-  S position = 0.0;                     ///< x [m | rad]
-  S velocity = 0.0;                     ///< [m/s | rad/s]
-  S displacement = 0.0;                 ///< x minus x of the previous sample [m | rad]
-  S acceleration = 0.0;                 ///< x'' [m/s^2 | rad/s^2]
-  S command_velocity = 0.0;             ///< [m/s | rad/s]
-  S command_acceleration = 0.0;         ///< [m/s^2 | rad/s^2]
-  S tracking_error = 0.0;               ///< command - position, without delay [m | rad]
-  double time_s = 0.0;                  ///< in the recording [s]
-  double neighbour_acceleration = 0.0;  ///< commanded, of another axis; 0 if unknown
-  double in_cut = 0.0;                  ///< 1 while the tool cuts; 0 if unknown
+  double step_s = 0.0;                         ///< sampling time [s]
+  S position = 0.0;                            ///< x [m | rad]
+  S velocity = 0.0;                            ///< [m/s | rad/s]
+  S displacement = 0.0;                        ///< x minus x of the previous sample [m | rad]
+  S acceleration = 0.0;                        ///< x'' [m/s^2 | rad/s^2]
+  S command_velocity = 0.0;                    ///< [m/s | rad/s]
+  S command_acceleration = 0.0;                ///< [m/s^2 | rad/s^2]
+  S tracking_error = 0.0;                      ///< command - position, without delay [m | rad]
+  double time_s = 0.0;                         ///< in the recording [s]
+  double neighbour_acceleration = 0.0;         ///< commanded, of another axis; 0 if unknown
+  double neighbour_motion_acceleration = 0.0;  ///< of its own motion; 0 if unknown
+  double in_cut = 0.0;                         ///< 1 while the tool cuts; 0 if unknown
   /// Force demanded by the control per moved mass [m/s^2 | rad/s^2]; 0 if unknown.
   S demand = 0.0;
   /// Force of the model's friction law over its coefficient: between -1 and 1, or up to the

@@ -112,6 +112,10 @@ std::string why_invalid(const Model& model, double length_scale) {
         return why;
     }
   }
+  if (std::count_if(model.effects.begin(), model.effects.end(),
+                    [](const Effect& effect) { return couples(effect.kind); }) > 1)
+    return "effects: more than one of cross_coupling and cross_coupling_by_motion: one other axis "
+           "acts on an axis";
   const Effect* axis = two_mass_of(model);
   if (axis != nullptr) {
     const auto id = identity_of(axis->kind).id;

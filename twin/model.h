@@ -91,6 +91,20 @@ using Model = ModelOf<double>;
   return nullptr;
 }
 
+/// The force of another axis; nothing in a model without one.
+template <class S>
+[[nodiscard]] const EffectOf<S>* coupling_of(const ModelOf<S>& model) {
+  for (const EffectOf<S>& effect : model.effects) {
+    if (couples(effect.kind)) return &effect;
+  }
+  return nullptr;
+}
+/// Whether that force follows from the motion of the other axis, not from its command.
+template <class S>
+[[nodiscard]] bool coupled_by_motion(const ModelOf<S>& model) {
+  return model.find(kind_of<CrossCouplingByMotion>()) != nullptr;
+}
+
 /// f(a, b) for every parameter of two loops, or two models, of one structure.
 template <class A, class B, class F>
 void each_parameter(LoopOf<A>& a, const LoopOf<B>& b, const F& f) {

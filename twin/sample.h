@@ -72,6 +72,8 @@ struct Segment {
   Eigen::Index lead = 0;
   /// Of lengths and velocities of a rotary axis over those of machines in m (twin/effect.h).
   double length_scale = 1.0;
+  /// Motion of the neighbour, measured or predicted: empty, or one per sample, without gaps.
+  Eigen::ArrayXd neighbour_motion = {};
 
   [[nodiscard]] Eigen::Index size() const { return command.size(); }
   [[nodiscard]] double end_s() const {

@@ -8,6 +8,7 @@
 
 #include "twin/difference.h"
 #include "twin/linear_algebra.h"
+#include "twin/neighbour.h"
 #include "twin/twin.h"
 #include "twin/two_pi.h"
 
@@ -21,7 +22,7 @@ struct Input {
   S delay_s = 0.0;
   Spline motion;
   Spline by_delay;  ///< d motion / d delay; empty if the delay does not change
-  Eigen::ArrayXd neighbour;
+  Eigen::ArrayXd neighbour, neighbour_motion;  // accelerations
 
   [[nodiscard]] S position(Eigen::Index k) const {
     S out = 0.0;
@@ -37,6 +38,7 @@ struct Input {
     set(piece.end_velocity, &Spline::first, k);
     piece.end_acceleration = piece.acceleration + motion.h * piece.jerk;
     if (neighbour.size() > 0) piece.neighbour_acceleration = neighbour(k);
+    if (neighbour_motion.size() > 0) piece.neighbour_motion_acceleration = neighbour_motion(k);
     if (segment.in_cut.size() > 0) piece.in_cut = segment.in_cut(k);
   }
 
@@ -64,8 +66,8 @@ Input<S> input_of(const Segment& segment, const S& delay_s) {
       out.by_delay =
           Spline::through(original.delayed_derivative(delay_s.value), segment.sample_time_s);
   }
-  if (segment.neighbour.size() == segment.size())
-    out.neighbour = Spline::through(segment.neighbour, segment.sample_time_s).second;
+  out.neighbour = neighbour_acceleration(segment, false);
+  out.neighbour_motion = neighbour_acceleration(segment, true);
   return out;
 }
 

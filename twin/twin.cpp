@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <type_traits>
+#include <utility>
 
 #include "twin/catalogue_steps.h"
 #include "twin/force_balance.h"
@@ -181,7 +182,7 @@ void TwinOf<S>::start(const S& command, double time_s) noexcept {
   }
   history_.fill(value_of(command));
   velocity_ = 0.0;
-  neighbour_acceleration_ = 0.0;
+  neighbour_acceleration_ = neighbour_motion_acceleration_ = 0.0;
   if (axis_.used()) return start_two_masses(command);
   if (moves_) place_modes(command, command);
   MotionOf<S> rest;
@@ -298,8 +299,10 @@ S TwinOf<S>::read(const MotionOf<S>& m) noexcept {
 
 template <class S>
 S TwinOf<S>::step(const CommandPieceOf<S>& whole) noexcept {
-  const double neighbour_before = neighbour_acceleration_;
-  neighbour_acceleration_ = whole.neighbour_acceleration;
+  const double commanded_before =
+      std::exchange(neighbour_acceleration_, whole.neighbour_acceleration);
+  const double moving_before =
+      std::exchange(neighbour_motion_acceleration_, whole.neighbour_motion_acceleration);
   if (linear_.parts == 1) return advance(whole);
   CommandPieceOf<S> part = whole;
   for (int i = 1; i < linear_.parts; ++i) {
@@ -310,8 +313,12 @@ S TwinOf<S>::step(const CommandPieceOf<S>& whole) noexcept {
     part.end_position = whole.end_position -
                         to_end * (whole.end_velocity -
                                   to_end * (whole.end_acceleration / 2 - to_end * whole.jerk / 6));
-    part.neighbour_acceleration =
-        neighbour_before + (whole.neighbour_acceleration - neighbour_before) * i / linear_.parts;
+    const auto between = [&](double before, double after) {
+      return before + (after - before) * i / linear_.parts;
+    };
+    part.neighbour_acceleration = between(commanded_before, whole.neighbour_acceleration);
+    part.neighbour_motion_acceleration =
+        between(moving_before, whole.neighbour_motion_acceleration);
     advance(part);
     part.velocity = part.end_velocity;
     part.acceleration = part.end_acceleration;
@@ -320,6 +327,7 @@ S TwinOf<S>::step(const CommandPieceOf<S>& whole) noexcept {
   part.end_velocity = whole.end_velocity;
   part.end_acceleration = whole.end_acceleration;
   part.neighbour_acceleration = whole.neighbour_acceleration;
+  part.neighbour_motion_acceleration = whole.neighbour_motion_acceleration;
   return advance(part);
 }
 
@@ -329,7 +337,8 @@ S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
   if constexpr (is_dual<S>) {
     leader_.advance({piece.velocity.value, piece.acceleration.value, piece.jerk.value,
                      piece.end_position.value, piece.end_velocity.value,
-                     piece.end_acceleration.value, piece.neighbour_acceleration, piece.in_cut});
+                     piece.end_acceleration.value, piece.neighbour_acceleration,
+                     piece.neighbour_motion_acceleration, piece.in_cut});
     known = leader_.force_;
   }
   if (axis_.used()) return advance_two_masses(piece);
@@ -368,6 +377,7 @@ S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
   m.neighbour_acceleration = piece.neighbour_acceleration;
+  m.neighbour_motion_acceleration = piece.neighbour_motion_acceleration;
   m.in_cut = piece.in_cut;
   time_s_ += h_;
   m.time_s = time_s_;
@@ -405,8 +415,7 @@ S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
 }
 
 template <class S>
-S TwinOf<S>::follow(double command, const std::array<double, 4>& neighbour) noexcept
-    requires(!is_dual<S>) {
+S TwinOf<S>::follow(double command, double neighbour_acceleration) noexcept requires(!is_dual<S>) {
   // Clang 14 instantiates members whose constraints do not hold, with the class.
   if constexpr (is_dual<S>) {
     return S(command);
@@ -446,8 +455,7 @@ S TwinOf<S>::follow(double command, const std::array<double, 4>& neighbour) noex
     piece.end_position = x[0];
     piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
     piece.end_acceleration = piece.acceleration + h * piece.jerk;
-    const auto& [n0, n1, n2, n3] = neighbour;
-    piece.neighbour_acceleration = (2 * n0 - 5 * n1 + 4 * n2 - n3) / (h * h);  // of their cubic
+    piece.neighbour_acceleration = piece.neighbour_motion_acceleration = neighbour_acceleration;
     return step(piece) + (command - x[0]);
   }
 }

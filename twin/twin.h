@@ -37,8 +37,9 @@ template <class S>
 struct CommandPieceOf {
   S velocity = 0.0, acceleration = 0.0, jerk = 0.0;  ///< at the start of the cycle
   S end_position = 0.0, end_velocity = 0.0, end_acceleration = 0.0;
-  double neighbour_acceleration = 0.0;  ///< commanded, of another axis, at the end of the cycle
-  double in_cut = 0.0;                  ///< 1 if the tool cuts then
+  /// Of another axis at the end of the cycle, commanded and of its own motion.
+  double neighbour_acceleration = 0.0, neighbour_motion_acceleration = 0.0;
+  double in_cut = 0.0;  ///< 1 if the tool cuts then
 };
 using CommandPiece = CommandPieceOf<double>;
 
@@ -128,10 +129,10 @@ class TwinOf {
   /// rad].
   S step(const CommandPieceOf<S>& piece) noexcept;
   /// One cycle from samples alone; the cubic passes through the last four (delayed) commands.
-  /// `neighbour`: the last four commands of the axis that acts on this one, the newest first; all
-  /// alike where there is none. Returns the tracking error [m | rad].
-  S follow(double command, const std::array<double, 4>& neighbour = {}) noexcept
-      requires(!is_dual<S>);
+  /// `neighbour_acceleration`: of the axis that acts on this one, of its command or, for a model
+  /// that is coupled by motion, of its motion [m/s^2 | rad/s^2]. Returns the tracking error [m |
+  /// rad].
+  S follow(double command, double neighbour_acceleration = 0.0) noexcept requires(!is_dual<S>);
   /// The tracking errors of the next cycles; this twin does not change. errors.size() >=
   /// commands.size().
   void predict(std::span<const double> commands, std::span<double> errors) const noexcept
@@ -215,7 +216,7 @@ class TwinOf {
   S position_ = 0.0;    // simulated position at the end of the last cycle
   S velocity_ = 0.0;
   S reading_ = 0.0;  // reading minus position
-  double neighbour_acceleration_ = 0.0;
+  double neighbour_acceleration_ = 0.0, neighbour_motion_acceleration_ = 0.0;
   double time_s_ = 0.0;
   // An axis of two masses: its state, the force on the load with its slope as above (force_ is that
   // on the motor), and the force that the spring misses in the play.

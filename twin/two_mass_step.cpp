@@ -180,6 +180,7 @@ S TwinOf<S>::advance_two_masses(const CommandPieceOf<S>& piece) noexcept {
   motor.command_velocity = piece.end_velocity;
   motor.command_acceleration = piece.end_acceleration;
   motor.neighbour_acceleration = piece.neighbour_acceleration;
+  motor.neighbour_motion_acceleration = piece.neighbour_motion_acceleration;
   motor.in_cut = piece.in_cut;
   MotionOf<S> load = motor;
   force_ += force_change_;

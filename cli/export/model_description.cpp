@@ -127,9 +127,11 @@ UnitDescription describe(const ModelRecord& record) {
   };
   add("command", kCommandReference, "input", "m",
       "commanded position at the end of the step; the axis starts at rest there");
-  if (has_effect(record.model, kind_of<CrossCoupling>()))
+  if (coupling_of(record.model) != nullptr)
     add("neighbour_acceleration", kNeighbourReference, "input", "m/s^2",
-        "commanded acceleration of the other axis at the end of the step");
+        coupled_by_motion(record.model)
+            ? "acceleration of the other axis, of its own motion, at the end of the step"
+            : "commanded acceleration of the other axis at the end of the step");
   if (has_effect(record.model, kind_of<CuttingForce>()))
     add("in_cut", kInCutReference, "input", "1", "1 while the tool cuts, else 0");
   add("tracking_error", kErrorReference, "output", "m", "command minus position");

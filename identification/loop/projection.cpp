@@ -100,6 +100,8 @@ std::vector<Motion> motion_along(const Signals& s, const Spline& command, Acts a
     }
     if (s.friction.size() > 0) m.friction = s.friction(k);
     if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
+    if (s.neighbour_motion_acceleration.size() > 0)
+      m.neighbour_motion_acceleration = s.neighbour_motion_acceleration(k);
   }
   return out;
 }

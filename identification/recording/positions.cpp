@@ -309,7 +309,13 @@ std::vector<std::string> mend_positions(Recording& recording, const std::string&
     const auto say = [&](const std::string& line) { out.push_back(axis.name + ": " + line); };
     if (const auto line = unwrap(axis)) say(*line);
     if (const auto line = mend_command(axis, step_s)) say(*line);
-    if (!only.empty() && axis.name != only) continue;
+    if (!only.empty() && axis.name != only) {
+      // Its motion may act on the axis that is looked at, but is not what is asked about.
+      (void)leave_out_spikes(axis, recording.time, step_s);
+      (void)leave_out_run_in(axis, recording.time);
+      (void)mend_encoder(axis, step_s, limits);
+      continue;
+    }
     // Not before: where positions go round, noise makes single values of the other end.
     if (const auto line = leave_out_spikes(axis, recording.time, step_s)) say(*line);
     if (const auto line = leave_out_run_in(axis, recording.time)) say(*line);

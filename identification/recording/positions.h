@@ -48,9 +48,9 @@ struct PositionLimits {
   double unexplained = 0.02;
 };
 
-/// Repairs the positions of every axis, or of `only`; of the others, which are its neighbours, the
-/// positions are unwrapped and the commands interpolated. One line per repair or finding, beginning
-/// with the axis; also in the notes of the recording, which tell how it was made.
+/// Repairs the positions of every axis. One line per repair or finding, beginning with the axis;
+/// also in the notes of the recording, which tell how it was made. `only`: no line about the
+/// encoders of the other axes.
 std::vector<std::string> mend_positions(Recording& recording, const std::string& only = "",
                                         const PositionLimits& limits = {});
 

@@ -356,6 +356,19 @@ bool in_step(const SegmentedAxis& left, const SegmentedAxis& right) {
                     });
 }
 
+/// Where readings are missing at the ends, as after a run-in, the axis moves as its command does.
+void continue_to_the_ends(Eigen::ArrayXd& readings, const Eigen::ArrayXd& command) {
+  const auto known = [&](Eigen::Index k) { return std::isfinite(readings(k)); };
+  Eigen::Index first = 0, last = readings.size() - 1;
+  while (first <= last && !known(first)) ++first;
+  while (last > first && !known(last)) --last;
+  if (first > last) return;
+  for (Eigen::Index k = first - 1; k >= 0; --k)
+    readings(k) = readings(k + 1) + command(k) - command(k + 1);
+  for (Eigen::Index k = last + 1; k < readings.size(); ++k)
+    readings(k) = readings(k - 1) + command(k) - command(k - 1);
+}
+
 }  // namespace
 
 SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
@@ -365,18 +378,26 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
     if (other.name == out.axis || (!wanted.empty() && other.name != wanted) ||
         other.command.size() != recording.time.size() || all_missing(other.command))
       continue;
-    AxisRecord bare{other.name, other.rotary, other.command, {}, {}, {}};
-    Recording alone{recording.source, recording.time, {std::move(bare)}, {}};
+    // Its encoder as one whose gaps split nothing.
     SegmentedAxis neighbour;
-    try {
-      neighbour = segmented(alone, other.name, limits);
-    } catch (const std::runtime_error&) {
-      continue;  // an axis without segments cannot be the neighbour
-    }
-    if (!in_step(out, neighbour)) continue;
+    const auto stands_beside = [&](const std::vector<double>& actual) {
+      AxisRecord bare{other.name, other.rotary, other.command, other.command, {}, {}, actual};
+      Recording alone{recording.source, recording.time, {std::move(bare)}, {}};
+      try {
+        neighbour = segmented(alone, other.name, limits);
+      } catch (const std::runtime_error&) {
+        return false;  // an axis without segments cannot be the neighbour
+      }
+      return in_step(out, neighbour);
+    };
+    if (!stands_beside(other.actual) && !stands_beside({})) continue;
     out.neighbour = other.name;
     for (std::size_t i = 0; i < out.segments.size(); ++i) {
       out.segments[i].neighbour = std::move(neighbour.segments[i].command);
+      Eigen::ArrayXd& motion = neighbour.segments[i].actual_motor;
+      continue_to_the_ends(motion, out.segments[i].neighbour);
+      if (motion.size() > 0 && motion.isFinite().all())
+        out.segments[i].neighbour_motion = std::move(motion);
       out.segments[i].in_plane = !out.rotary && !other.rotary;
     }
     break;
@@ -416,6 +437,7 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
   const double shift_s = begin_s - next.segments.front().start_s;
   const bool torque = all_have(&Segment::torque), motor = all_have(&Segment::actual_motor),
              neighbour = all_have(&Segment::neighbour) && axis.neighbour == next.neighbour,
+             moves = neighbour && all_have(&Segment::neighbour_motion),
              cuts = all_have(&Segment::in_cut);
   for (Segment& s : next.segments) {
     s.start_s += shift_s;
@@ -426,6 +448,7 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
     if (!torque) s.torque.resize(0);
     if (!motor) s.actual_motor.resize(0);
     if (!neighbour) s.neighbour.resize(0), s.in_plane = false;
+    if (!moves) s.neighbour_motion.resize(0);
     if (!cuts) s.in_cut.resize(0);
   }
   set_length_scale(axis.segments, axis.rotary);
@@ -452,6 +475,7 @@ Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size) {
   out.actual_motor = channel(whole.actual_motor);
   out.torque = channel(whole.torque);
   out.neighbour = channel(whole.neighbour);
+  out.neighbour_motion = channel(whole.neighbour_motion);
   out.in_cut = channel(whole.in_cut);
   out.in_plane = whole.in_plane;
   out.length_scale = whole.length_scale;

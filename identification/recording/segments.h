@@ -70,15 +70,15 @@ struct SegmentedAxis {
   std::string axis;
   bool rotary = false;
   std::string torque_unit;  ///< empty without torque
-  std::string neighbour;    ///< name of the axis whose command the segments contain as well
+  std::string neighbour;    ///< name of the axis whose command and encoder the segments contain too
   double sample_time_s = 0.0;
   std::vector<Segment> segments;  ///< at least one
   SegmentReport report;
 };
 
-/// With the command of `neighbour` beside it; empty: of the first other axis that has one at the
-/// same times. Throws if there is no such axis, no command, no usable time, or no segment that is
-/// long enough.
+/// With command and encoder of `neighbour` beside it; empty: of the first other axis that has one
+/// at the same times. Throws if there is no such axis, no command, no usable time, or no segment
+/// that is long enough.
 [[nodiscard]] SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
                                          const SegmentLimits& limits = {},
                                          std::string_view neighbour = {});

@@ -4,6 +4,8 @@
 #include <array>
 #include <utility>
 
+#include "twin/neighbour.h"
+
 namespace servotwin {
 
 Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int half_window) {
@@ -22,6 +24,24 @@ Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int h
 }
 
 namespace {
+
+/// The centred mean over as many samples, by the trapezoidal rule; shorter at the ends.
+Eigen::ArrayXd mean_over(const Eigen::ArrayXd& x, int samples) {
+  const Eigen::Index half = samples / 2;
+  const double ends = samples % 2 == 0 ? 0.5 : 1.0;
+  Eigen::ArrayXd out(x.size());
+  for (Eigen::Index k = 0; k < x.size(); ++k) {
+    const Eigen::Index reach = std::min({half, k, x.size() - 1 - k});
+    double sum = x(k), weight = 1.0;
+    for (Eigen::Index i = 1; i <= reach; ++i) {
+      const double w = i == half ? ends : 1.0;
+      sum += w * (x(k - i) + x(k + i));
+      weight += 2.0 * w;
+    }
+    out(k) = sum / weight;
+  }
+  return out;
+}
 
 /// Of the first law of friction that the model has; empty without one.
 Eigen::ArrayXd friction_along(const Model& model, const Signals& s) {
@@ -78,8 +98,8 @@ Signals signals_of(const Segment& segment) {
   s.length_scale = segment.length_scale;
   s.start_s = segment.start_s;
   s.in_cut = segment.in_cut;
-  if (segment.neighbour.size() == segment.size())
-    s.neighbour_acceleration = Spline::through(segment.neighbour, s.h).second;
+  s.neighbour_acceleration = neighbour_acceleration(segment, false);
+  s.neighbour_motion_acceleration = neighbour_acceleration(segment, true);
   return s;
 }
 
@@ -89,6 +109,8 @@ void set_motion(Signals& signals, Eigen::ArrayXd position) {
   signals.acceleration = measured_velocity(signals.velocity, signals.h, 0);
 }
 
+// The acceleration of a measured motion is mostly noise at high frequencies, which single samples
+// of it would take for motion: its mean over the new step is taken instead.
 Signals decimated(const Signals& signals, int every) {
   if (every <= 1) return signals;
   const Eigen::Index n = (signals.size() + every - 1) / every;
@@ -109,6 +131,7 @@ Signals decimated(const Signals& signals, int every) {
   s.loop_position = thin(signals.loop_position);
   s.in_cut = thin(signals.in_cut);
   s.neighbour_acceleration = thin(signals.neighbour_acceleration);
+  s.neighbour_motion_acceleration = thin(mean_over(signals.neighbour_motion_acceleration, every));
   s.demand = thin(signals.demand);
   s.friction = thin(signals.friction);
   s.demand_rate = thin(signals.demand_rate);

@@ -23,8 +23,9 @@ struct Signals {
   double start_s = 0.0;  ///< in the recording
   /// Of the loop, for effects on the reading alone; empty: the reading.
   Eigen::ArrayXd loop_position;
-  Eigen::ArrayXd in_cut;                  ///< as of the segment
-  Eigen::ArrayXd neighbour_acceleration;  ///< commanded, of another axis; empty: none known
+  Eigen::ArrayXd in_cut;  ///< as of the segment
+  /// As of a Motion; empty: no other axis is known.
+  Eigen::ArrayXd neighbour_acceleration, neighbour_motion_acceleration;
   /// As of a Motion; empty: no drive is known.
   Eigen::ArrayXd demand, demand_rate, demand_damping, friction;
 

@@ -72,6 +72,8 @@ static const EffectKind kEffects[] = {
      NULL},
     {"cross_coupling", kActsAsForce, kOnLoad, 2, 3, MEMORY(other), NULL, servotwin_cross_coupling,
      NULL},
+    {"cross_coupling_by_motion", kActsAsForce, kOnLoad, 0, 1, 0, NULL,
+     servotwin_cross_coupling_by_motion, NULL},
     {"cutting_force", kActsAsForce, kOnLoad, 1, 3, 0, NULL, servotwin_cutting_force, NULL},
     {"encoder_error", kActsAsForce, kOnLoad, 1, 2, 0, NULL, servotwin_encoder_error, NULL},
     {"gain_change", kActsAsForce, kOnMotor, 1, 2, MEMORY(value), NULL, servotwin_gain_change, NULL},

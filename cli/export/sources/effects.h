@@ -137,6 +137,7 @@ void servotwin_swinging_load(const double*, EffectMemory*, const Motion*, double
 void servotwin_compliance(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_control_filter(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cross_coupling(const double*, EffectMemory*, const Motion*, double*);
+void servotwin_cross_coupling_by_motion(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cutting_force(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_encoder_error(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_gain_change(const double*, EffectMemory*, const Motion*, double*);

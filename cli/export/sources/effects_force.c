@@ -111,6 +111,13 @@ void servotwin_cross_coupling(const double* shape, EffectMemory* memory, const M
   force[2] = m->neighbour_acceleration - memory->other.q;
 }
 
+void servotwin_cross_coupling_by_motion(const double* shape, EffectMemory* memory, const Motion* m,
+                                        double* force) {
+  (void)shape;
+  (void)memory;
+  force[0] = m->neighbour_acceleration;
+}
+
 void servotwin_cutting_force(const double* shape, EffectMemory* memory, const Motion* m,
                              double* force) {
   const double angle = 2.0 * kPi * shape[0] * m->time_s;

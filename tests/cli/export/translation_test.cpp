@@ -165,7 +165,7 @@ TEST_P(EveryTranslatedEffect, HasTheSameUnitForcesAlongTheSameMotion) {
       m.command_velocity = m.velocity * (1.0 + 0.01 * normal(random));
       m.command_acceleration = normal(random);
       m.tracking_error = 1e-4 * normal(random);
-      m.neighbour_acceleration = normal(random);
+      m.neighbour_acceleration = m.neighbour_motion_acceleration = normal(random);
       m.in_cut = i % 1000 < 500 ? 1.0 : 0.0;
       m.demand = 3.0 * normal(random);
       m.demand_rate = 10.0 * normal(random);
@@ -307,7 +307,7 @@ TEST_P(EveryTranslatedEffect, MovesTheWholeAxisAsInCpp) {
       }
       // What needs more than a command is below; an integrator has no error by a constant force.
       const std::size_t kind = GetParam();
-      if (kind == kind_of<CrossCoupling>() || kind == kind_of<CuttingForce>()) continue;
+      if (couples(kind) || kind == kind_of<CuttingForce>()) continue;
       if (kind == kind_of<ConstantForce>() && order == 3) continue;
       EXPECT_GT(difference, 1e-9) << "the effect does not show";
     }
@@ -315,7 +315,8 @@ TEST_P(EveryTranslatedEffect, MovesTheWholeAxisAsInCpp) {
 }
 
 TEST(TranslatedAxis, KnowsItsNeighbourAndTheCut) {
-  for (const std::size_t kind : {kind_of<CrossCoupling>(), kind_of<CuttingForce>()}) {
+  for (const std::size_t kind :
+       {kind_of<CrossCoupling>(), kind_of<CrossCouplingByMotion>(), kind_of<CuttingForce>()}) {
     const Model model = axis_with(kind, 3, 2.5e-3);
     Twin twin(model);
     CAxis c(model);
@@ -325,7 +326,7 @@ TEST(TranslatedAxis, KnowsItsNeighbourAndTheCut) {
     for (int i = 1; i < 2000; ++i) {
       CommandPiece piece;
       piece.end_position = 0.1;
-      piece.neighbour_acceleration = std::sin(0.05 * i);
+      piece.neighbour_acceleration = piece.neighbour_motion_acceleration = std::sin(0.05 * i);
       piece.in_cut = i > 500 ? 1.0 : 0.0;
       const double error = twin.step(piece);
       ASSERT_NEAR(c.step(piece), error, kSame) << i;

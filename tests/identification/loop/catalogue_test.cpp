@@ -73,9 +73,11 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     signals.position = Eigen::ArrayXd::Constant(3000, twin.loop_position());
     Eigen::ArrayXd reading = Eigen::ArrayXd::Constant(3000, twin.position());
     segment.neighbour = 0.5 * segment.command.square();
+    segment.neighbour_motion = 0.7 * segment.neighbour;
     segment.in_cut = (segment.command > 0.0).cast<double>();
     signals.in_cut = segment.in_cut;
     signals.neighbour_acceleration = Spline::through(segment.neighbour, h).second;
+    signals.neighbour_motion_acceleration = Spline::through(segment.neighbour_motion, h).second;
     signals.velocity = Eigen::ArrayXd::Zero(3000);
     signals.acceleration = Eigen::ArrayXd::Zero(3000);
     signals.demand = Eigen::ArrayXd::Constant(3000, twin.demand());
@@ -88,6 +90,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
                          motion.first(k),
                          motion.second(k),
                          signals.neighbour_acceleration(k),
+                         signals.neighbour_motion_acceleration(k),
                          signals.in_cut(k)};
       twin.step(piece);
       signals.position(k) = twin.loop_position();
@@ -196,6 +199,7 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       m.command_acceleration = 10.0 * uniform(rng);
       m.tracking_error = 1e-4 * uniform(rng);
       m.neighbour_acceleration = uniform(rng);
+      m.neighbour_motion_acceleration = uniform(rng);
       m.demand = 0.2 * uniform(rng);
       m.demand_rate = uniform(rng);
       m.demand_damping = 0.01 * uniform(rng);

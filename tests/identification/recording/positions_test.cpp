@@ -360,10 +360,11 @@ TEST(Positions, EachAxisIsRepairedByItselfAndTheRepairsAreKept) {
   for (std::size_t k = 0; k < 3; ++k)
     EXPECT_LT(greatest_error_difference(machine.axes[k], whole.axes[k]), 1e-9) << k;
 
-  machine = spoiled;  // the neighbours of an axis are unwrapped and no more
+  machine = spoiled;  // the encoders of the neighbours of an axis are repaired without a word
   EXPECT_THAT(mend_positions(machine, "Y"),
               ElementsAre(HasSubstr("C: the command goes"), HasSubstr("Y: the zero")));
-  EXPECT_EQ(machine.axes[0].actual, spoiled.axes[0].actual);
+  for (std::size_t k = 0; k < 3; ++k)
+    EXPECT_LT(greatest_error_difference(machine.axes[k], whole.axes[k]), 1e-9) << k;
 }
 
 TEST(Positions, AnErrorAtRestIsNamedAndOnlyAnotherZeroIsSubtracted) {

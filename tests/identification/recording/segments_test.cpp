@@ -67,6 +67,45 @@ TEST(Segments, TheNeighbourIsTheOneThatIsNamedElseTheFirst) {
   EXPECT_EQ(beside("Z").segments[0].neighbour.size(), 0);
 }
 
+TEST(Segments, TheEncoderOfTheNeighbourSplitsNothing) {
+  const auto beside = [](std::size_t from, std::size_t to) {
+    Recording r = sampled(grid(2000, 0.001));
+    AxisRecord other = r.axes[0];
+    other.name = "Y";
+    for (double& x : other.actual) x += 1e-3;
+    std::fill(other.actual.begin() + static_cast<std::ptrdiff_t>(from),
+              other.actual.begin() + static_cast<std::ptrdiff_t>(to), kAbsent);
+    r.axes.push_back(std::move(other));
+    SegmentedAxis out = segment_axis(r, "X");
+    EXPECT_EQ(out.segments.size(), 1U);
+    EXPECT_EQ(out.neighbour, "Y");
+    return out.segments[0];
+  };
+  const Segment whole = beside(0, 0);
+  ASSERT_EQ(whole.neighbour_motion.size(), 2000);
+  EXPECT_LT((whole.neighbour_motion - whole.actual - 1e-3).abs().maxCoeff(), 1e-12);
+  // A run-in that was left out: there it moves as its command does.
+  const Segment later = beside(0, 300);
+  ASSERT_EQ(later.neighbour_motion.size(), 2000);
+  EXPECT_NEAR(later.neighbour_motion(0) - later.neighbour_motion(300),
+              later.neighbour(0) - later.neighbour(300), 1e-12);
+  EXPECT_EQ(later.neighbour_motion(300), whole.neighbour_motion(300));
+  // In between nothing says how it moves.
+  EXPECT_EQ(beside(700, 1000).neighbour_motion.size(), 0);
+  // Parts, and recordings that follow each other.
+  EXPECT_EQ(part_of(whole, 100, 500).neighbour_motion(7), whole.neighbour_motion(107));
+  SegmentedAxis both = segment_axis(sampled(grid(2000, 0.001)), "X"), next = both;
+  both.neighbour = next.neighbour = "Y";
+  both.segments = {whole};
+  next.segments = {whole};
+  append(both, next);
+  EXPECT_EQ(both.segments[1].neighbour_motion.size(), 2000);
+  next.segments = {beside(700, 1000)};
+  append(both, next);
+  EXPECT_EQ(both.segments[0].neighbour_motion.size(), 0) << "all of it or nothing";
+  EXPECT_EQ(both.segments[0].neighbour.size(), 2000);
+}
+
 // Gaps.
 
 struct GapCase {
