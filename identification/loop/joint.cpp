@@ -197,22 +197,26 @@ bool FirstStep::add_mode() {
   return true;
 }
 
-std::optional<Point> FirstStep::start(bool coupled) {
-  if (!coupled && !data_) {
+std::optional<Point> FirstStep::start(std::optional<std::size_t> coupling) {
+  if (!coupling && !data_) {
     if (!rigid_) return std::nullopt;
     return rigid_->point;
   }
   if (!follow_friction()) return std::nullopt;
   Point out = fit_->point;
-  if (coupled) {
-    // The damping of the other axis' loop is unknown.
-    constexpr double kDamping = 1.0;
+  if (coupling) {
     Structure structure = data_->structure();
-    structure.effects.push_back(kind_of<CrossCoupling>());
+    structure.effects.push_back(*coupling);
     PoleSearchOptions beside = options_;
-    for (const double hz : {5.0, 20.0, 80.0}) {
+    if (*coupling == kind_of<CrossCoupling>()) {
+      // The damping of the other axis' loop is unknown.
+      constexpr double kDamping = 1.0;
+      for (const double hz : {5.0, 20.0, 80.0}) {
+        beside.from.push_back(out);
+        beside.from.back().shapes.insert(beside.from.back().shapes.end(), {hz, kDamping});
+      }
+    } else {
       beside.from.push_back(out);
-      beside.from.back().shapes.insert(beside.from.back().shapes.end(), {hz, kDamping});
     }
     auto found = pole_search(Projection(signals_, structure), beside);
     if (!found) return std::nullopt;
@@ -244,8 +248,9 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   if (place < structure.effects.size()) simple.effects[place] = kind_of<CoulombFriction>();
 
   const bool simplest = simple.effects == structure.effects, given = !options.from.empty();
-  const bool coupled = std::find(simple.effects.begin(), simple.effects.end(),
-                                 kind_of<CrossCoupling>()) != simple.effects.end();
+  const auto coupled = std::find_if(simple.effects.begin(), simple.effects.end(), couples);
+  const auto coupling =
+      coupled != simple.effects.end() ? std::optional(*coupled) : std::optional<std::size_t>();
   std::optional<Point> begun;
   std::optional<PoleFit> fit;
   if (first != nullptr) {
@@ -253,14 +258,14 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   } else if (!given) {
     Structure rigid = simple;
     rigid.modes = 0;
-    std::erase(rigid.effects, kind_of<CrossCoupling>());
+    std::erase_if(rigid.effects, couples);
     FirstStep step(signals, rigid, options);
     for (int i = 0; i < structure.modes; ++i) {
       if (!step.add_mode()) return std::nullopt;
     }
-    begun = step.start(coupled);
+    begun = step.start(coupling);
     if (!begun) return std::nullopt;
-    if (structure.modes == 0 && !coupled) fit = step.rigid();
+    if (structure.modes == 0 && !coupling) fit = step.rigid();
   }
   if (simplest && !fit) {
     PoleSearchOptions from = options;

@@ -47,9 +47,9 @@ class FirstStep {
   [[nodiscard]] const std::optional<PoleFit>& rigid() const { return rigid_; }
   /// Adds one mode; false if no mode is found or there are kMaxModes already.
   [[nodiscard]] bool add_mode();
-  /// A start with the modes found so far and, if `coupled`, with the other axis as the last effect.
-  /// The shapes of Coulomb friction keep their start values.
-  [[nodiscard]] std::optional<Point> start(bool coupled);
+  /// A start with the modes found so far and, if there is a `coupling`, with that effect of another
+  /// axis as the last one. The shapes of Coulomb friction keep their start values.
+  [[nodiscard]] std::optional<Point> start(std::optional<std::size_t> coupling = {});
 
  private:
   bool follow_friction();
@@ -64,7 +64,7 @@ class FirstStep {
 };
 
 /// Steps 1 to 3, and step 4 if `polish`. `structure` contains the friction model, and
-/// cross_coupling as the last effect if there is one; `encoder_step` [m | rad] is that of
+/// the coupling as the last effect if there is one; `encoder_step` [m | rad] is that of
 /// OutputErrorOptions. If `options.from` has a point (one is used), step 1 is left out and the
 /// point's shapes are a further start of step 3. `first`: the result of step 1 if it is known
 /// already. Steps 2 and 3 of a law of friction with memory, and the covariance of step 3, use data

@@ -163,7 +163,7 @@ Projection projection_of(const std::vector<Segment>& segments, const Structure& 
 struct Stood {
   Structure structure;
   Model model;
-  bool coupled = false;
+  std::optional<std::size_t> coupling;
   double validation = 0.0;
 };
 
@@ -309,6 +309,14 @@ class StructureChoice {
     if (joint())
       compared = options_.friction ? std::vector{*options_.friction} : compared_frictions();
     if (other_friction) least_ = kNotFitted;
+    std::vector<std::optional<std::size_t>> couplings{std::nullopt};
+    if (options_.coupling) {
+      const auto moves = [](const Segment& s) { return s.neighbour_motion.size() == s.size(); };
+      if (std::all_of(fitted_.begin(), fitted_.end(), moves) &&
+          std::all_of(validated_.begin(), validated_.end(), moves))
+        couplings.emplace_back(kind_of<CrossCouplingByMotion>());
+      couplings.emplace_back(kind_of<CrossCoupling>());
+    }
     if (compared.size() > 1 || other_friction || options_.modes > 0 || options_.coupling) {
       FirstStep first(signals_of(fitted_), simple_, search_);
       for (int modes = 0; modes <= options_.modes && modes <= out_.structure.modes + 1; ++modes) {
@@ -316,11 +324,15 @@ class StructureChoice {
         std::vector<Stood> stood;
         // Without the other axis, then with it: in a coupled fit first, modes would be mistaken for
         // the coupling.
-        for (const bool coupled : {false, true}) {
-          if (coupled && !options_.coupling) break;
-          const std::optional<Point> begun = first.start(coupled);
+        for (const std::optional<std::size_t> coupling : couplings) {
+          // Where its motion is recorded, by its command beside the best law only; not with more
+          // modes than it takes by its motion, which would stand for what its friction does.
+          const bool other_form = coupling && coupling != couplings[1];
+          if (other_form && coupling_ == couplings[1] && out_.structure.modes != modes) break;
+          const std::optional<Point> begun = first.start(coupling);
           if (!begun) break;
-          for (const std::size_t kind : compared) try_standing(kind, modes, coupled, *begun, stood);
+          for (const std::size_t kind : other_form ? std::vector{law_of(out_.structure)} : compared)
+            try_standing(kind, modes, coupling, *begun, stood);
         }
         if (modes == 0 && joint()) try_other_order(compared, first);
         if (joint() && modes > 0 && !stood.empty()) ask_whether_they_move(modes, std::move(stood));
@@ -398,8 +410,8 @@ class StructureChoice {
     begin_with(*other_);
     FirstStep of_other(signals_of(fitted_), simple_, search_);
     std::vector<Stood> stood;
-    if (const std::optional<Point> begun = of_other.start(false)) {
-      for (const std::size_t kind : laws) try_standing(kind, 0, false, *begun, stood);
+    if (const std::optional<Point> begun = of_other.start()) {
+      for (const std::size_t kind : laws) try_standing(kind, 0, std::nullopt, *begun, stood);
     }
     if (out_.structure.order == simple_.order) {
       first = std::move(of_other);
@@ -415,14 +427,14 @@ class StructureChoice {
     best_ = tried_.size();
   }
 
-  void try_standing(std::size_t kind, int modes, bool coupled, const Point& begun,
-                    std::vector<Stood>& stood) {
-    if (kind == kind_of<CoulombFriction>() && modes == 0 && !coupled) return;
+  void try_standing(std::size_t kind, int modes, std::optional<std::size_t> coupling,
+                    const Point& begun, std::vector<Stood>& stood) {
+    if (kind == kind_of<CoulombFriction>() && modes == 0 && !coupling) return;
     Structure richer = simple_;
     richer.modes = modes;
     richer.effects[place_] = kind;
     const bool same = !without_constant_force(richer, kind);
-    if (coupled) richer.effects.push_back(kind_of<CrossCoupling>());
+    if (coupling) richer.effects.push_back(*coupling);
     StructureTrial trial{richer.order, richer.effects, kAbsent, false, modes, kNoFit};
     // At rest a vibrating encoder reverses more often than it is sampled: friction along the
     // measured motion is wrong there, so the fit is refined in free simulation.
@@ -433,13 +445,18 @@ class StructureChoice {
       if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated_).rms;
     }
     if (trial.validation_rms < kNotFitted)
-      stood.push_back({richer, fit->model, coupled, trial.validation_rms});
-    const bool more = modes > out_.structure.modes || (coupled && !coupled_);
-    if (trial.validation_rms < (more ? kMaxRmsRatioForMode : kMaxRmsRatioToAccept) * least_) {
+      stood.push_back({richer, fit->model, coupling, trial.validation_rms});
+    const bool more = modes > out_.structure.modes || (coupling && !coupling_);
+    const bool richer_form =
+        coupling == kind_of<CrossCoupling>() && coupling_ == kind_of<CrossCouplingByMotion>();
+    if (trial.validation_rms < (richer_form ? kMaxRmsRatioForRichModel
+                                : more      ? kMaxRmsRatioForMode
+                                            : kMaxRmsRatioToAccept) *
+                                   least_) {
       take(trial.validation_rms, richer);
-      coupled_ = coupled;
+      coupling_ = coupling;
       out_.from.clear();
-      if (modes > 0 || coupled) out_.from.push_back(point_of(fit->model));
+      if (modes > 0 || coupling) out_.from.push_back(point_of(fit->model));
     }
     tried_.push_back(trial);
   }
@@ -447,10 +464,11 @@ class StructureChoice {
   /// Tries modes that change with position: such a mode may not improve the fit as a constant one.
   /// If one of the fits tried improves, all friction models are tried from its result.
   void ask_whether_they_move(int modes, std::vector<Stood> stood) {
-    const bool with_other = std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
-                              return l.validation < r.validation;
-                            })->coupled;
-    std::erase_if(stood, [&](const Stood& one) { return one.coupled != with_other; });
+    const std::optional<std::size_t> coupling =
+        std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
+          return l.validation < r.validation;
+        })->coupling;
+    std::erase_if(stood, [&](const Stood& one) { return one.coupling != coupling; });
     std::vector<Moved> moved(stood.size());
     const auto moved_from = [&](const Model& start, const Stood& one) {
       Moved now;
@@ -480,7 +498,7 @@ class StructureChoice {
       if (moved[i].validation <
           (moving ? kMaxRmsRatioToAccept : kMaxRmsRatioForRichModel) * least_) {
         take(moved[i].validation, moving_of(one.structure));
-        coupled_ = one.coupled;
+        coupling_ = one.coupling;
         moving = true;
         out_.from = {point_of(one.model)};
         out_.moving = moved[i].fit->model.loop;
@@ -517,7 +535,7 @@ class StructureChoice {
     Structure free = simple_;
     free.modes = structure.modes;
     free.effects[place_] = kind_of<MaxwellSlip>();
-    if (coupled_) free.effects.push_back(kind_of<CrossCoupling>());
+    if (coupling_) free.effects.push_back(*coupling_);
     PoleSearchOptions near = search_;
     near.from = {with_free_elements(out_.from.front(), structure, place_)};
     StructureTrial trial{free.order, free.effects, kAbsent, false, free.modes, kNoFit};
@@ -542,9 +560,9 @@ class StructureChoice {
   std::optional<Structure> other_;  // the best of the other order, likewise
   std::size_t place_ = 0;           // of the friction in it
   ChosenStructure out_;
-  double least_ = kNotFitted;        // validation RMS of the chosen structure
-  std::optional<std::size_t> best_;  // index in tried_; none: the loop as chosen first
-  bool coupled_ = false;             // it contains the other axis
+  double least_ = kNotFitted;            // validation RMS of the chosen structure
+  std::optional<std::size_t> best_;      // index in tried_; none: the loop as chosen first
+  std::optional<std::size_t> coupling_;  // of the other axis, if it contains it
 };
 
 }  // namespace

@@ -364,7 +364,7 @@ json to_json(const ModelRecord& record) {
       ++k;
     }
     effects.push_back({{"id", identity_of(effect.kind).id}, {"parameters", parameters}});
-    if (effect.kind == kind_of<CrossCoupling>() && !record.neighbour.empty())
+    if (couples(effect.kind) && !record.neighbour.empty())
       effects.back()["of_axis"] = record.neighbour;
   }
   json out = {{"schema", kModelSchema},
@@ -462,7 +462,7 @@ ModelRecord model_from_json(const json& j) {
     }
     model.effects.push_back(effect);
     record.effect_deviations.push_back(sd);
-    if (effect.kind == kind_of<CrossCoupling>() && effects[i].contains("of_axis"))
+    if (couples(effect.kind) && effects[i].contains("of_axis"))
       record.neighbour = text(effects[i], path, "of_axis");
   }
   if (auto why = why_invalid(model, record.rotary ? kLargestLengthScale : 1.0); !why.empty())

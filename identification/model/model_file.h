@@ -66,6 +66,12 @@ struct ModelRecord {
       excitation;  ///< what is not excited and what motion would excite it; empty: all is
 };
 
+/// Whether the acceleration of the axis of this name acts on the axis of the model.
+[[nodiscard]] inline bool pushed_by(const ModelRecord& record, const std::string& axis) {
+  return coupling_of(record.model) != nullptr &&
+         (record.neighbour.empty() || record.neighbour == axis);
+}
+
 inline constexpr std::string_view kModelSchema = "servotwin.model/1";
 
 [[nodiscard]] nlohmann::json to_json(const ModelRecord& record);

@@ -13,6 +13,7 @@
 // the rest. The true poles are those of the machine's equations (tests/support/closed_loop.h,
 // many_masses.h).
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -26,6 +27,7 @@
 #include "tests/support/coupled_machine.h"
 #include "tests/support/many_masses.h"
 #include "tests/support/two_masses.h"
+#include "twin/neighbour.h"
 
 namespace {
 
@@ -111,11 +113,12 @@ void write_coupled(const std::string& path, bool friction) {
 void coupled(double spring_frequency_hz) {
   const test::CoupledMachine machine = test::coupled_machine(spring_frequency_hz);
   const auto axes = test::recorded(machine, test::production_of_both());
-  // What the other axis does, its friction too, where only its command is known in production.
+  // What the other axis does, its friction too.
   auto told = axes;
   for (std::size_t i = 0; i < 2; ++i)
-    told[i].segments[0].neighbour = axes[1 - i].segments[0].actual;
+    told[i].segments[0].neighbour_motion = axes[1 - i].segments[0].actual;
   const auto truths = test::modes_of(machine);
+  std::array<Identified, 2> by_motion;
   for (std::size_t i = 0; i < 2; ++i) {
     const std::complex<double> truth = truths[i];
     std::printf("Y %s; %s:", spring_frequency_hz > 0.0 ? "vibrates, too" : "is stiff",
@@ -131,15 +134,28 @@ void coupled(double spring_frequency_hz) {
       options.method = Method::kJoint;
       options.modes = modes;
       options.coupling = coupling;
-      const Identified found = identify(axis, options);
+      Identified found = identify(axis, options);
       say((what + std::string(identity_of(found.record.model.effects.front().kind).id)).c_str(),
           found, truth);
       std::fflush(stdout);
+      return found;
     };
     identified("rigid, ", axes[i], 0, false);
     identified("with modes, ", axes[i], 2, false);
     identified("with modes, coupled, ", axes[i], 2, true);
-    identified("coupled by its encoder, ", told[i], 2, true);
+    by_motion[i] = identified("coupled by its motion, ", told[i], 2, true);
+  }
+  // Its motion as its own model predicts it, from the commands of both alone.
+  for (std::size_t i = 0; i < 2; ++i) {
+    const ModelRecord &own = by_motion[i].record, &other = by_motion[1 - i].record;
+    if (!coupled_by_motion(own.model)) continue;
+    SegmentedAxis axis = axes[i];
+    predict_neighbour(axis.segments[0], own.model, other.model, pushed_by(other, axes[i].axis));
+    const ErrorFigures left = judge(
+        own.model, with_lead_in(cut(axis.segments, own.training_to_s, own.to_s), axis.segments));
+    std::printf("Y %s; %s from commands alone: held out %8.3f um RMS %8.2f MAX\n",
+                spring_frequency_hz > 0.0 ? "vibrates, too" : "is stiff", axis.axis.c_str(),
+                1e6 * left.rms, 1e6 * left.max);
   }
 }
 

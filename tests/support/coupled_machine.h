@@ -92,11 +92,12 @@ inline CoupledMachine coupled_machine(double spring_frequency_hz) {
   return out;
 }
 
-/// 20 s of production, of each axis its own.
-inline std::array<hidden_effects::Command, 2> production_of_both() {
+/// Production, of each axis its own.
+inline std::array<hidden_effects::Command, 2> production_of_both(double seconds = 20.0) {
   std::array<hidden_effects::Command, 2> out;
   for (std::size_t i = 0; i < 2; ++i) {
     hidden_effects::Motion motion;
+    motion.duration = seconds;
     motion.limits = {0.25, 5.0, 200.0};
     hidden_effects::Random random(7 + i);
     out[i] = hidden_effects::motion_of(motion, random);
