@@ -12,6 +12,7 @@
 #include "ilc/norm_optimal.h"
 #include "ilc/reversals.h"
 #include "ilc/zero_phase.h"
+#include "twin/neighbour.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
 
@@ -178,11 +179,23 @@ ErrorSize size_of(const Signal& error) {
   return {std::sqrt(error.square().mean()), error.abs().maxCoeff()};
 }
 
+namespace {
+
+/// Sets the motion of the axis that acts on axis i, of which the segment has the command.
+void move_neighbour(const std::vector<LearnAxis>& axes, std::size_t i, Segment& segment) {
+  segment.neighbour_motion.resize(0);
+  const auto other = axes[i].neighbour;
+  if (other && coupled_by_motion(axes[i].model))
+    predict_neighbour(segment, axes[i].model, axes[*other].model, axes[*other].neighbour == i);
+}
+
+}  // namespace
+
 std::vector<std::size_t> find_neighbours(std::vector<LearnAxis>& axes,
                                          const std::vector<std::string>& named) {
   std::vector<std::size_t> without;
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    if (axes[i].model.find(kind_of<CrossCoupling>()) == nullptr) continue;
+    if (coupling_of(axes[i].model) == nullptr) continue;
     for (std::size_t other = 0; other < axes.size() && !axes[i].neighbour; ++other) {
       if (other == i || !(named[i].empty() || axes[other].name == named[i])) continue;
       axes[i].neighbour = other;
@@ -190,6 +203,7 @@ std::vector<std::size_t> find_neighbours(std::vector<LearnAxis>& axes,
     }
     if (!axes[i].neighbour) without.push_back(i);
   }
+  for (std::size_t i = 0; i < axes.size(); ++i) move_neighbour(axes, i, axes[i].path);
   return without;
 }
 
@@ -200,7 +214,8 @@ Plant on_twins(const std::vector<LearnAxis>& axes) {
       Segment segment = axes[i].path;
       segment.actual.resize(0);
       segment.command = commands[i];
-      if (axes[i].neighbour) segment.neighbour = commands[*axes[i].neighbour];
+      if (const auto other = axes[i].neighbour) segment.neighbour = commands[*other];
+      move_neighbour(axes, i, segment);
       out.push_back(commands[i] - simulate(axes[i].model, segment));
     }
     return out;

@@ -98,7 +98,8 @@ struct Learned {
   std::optional<ProgramError> before, after;  ///< with two linear axes or more
 };
 
-/// For every axis whose model contains the acceleration of another one: that axis and its path. It
+/// For every axis whose model contains the acceleration of another one: that axis, its path and,
+/// where the model needs it, its motion as its own model predicts it. It
 /// is the one that is named, of `named` one per axis, or the first other one. Returns the places of
 /// those whose other axis is not there: their twins lack what it does.
 std::vector<std::size_t> find_neighbours(std::vector<LearnAxis>& axes,

@@ -49,7 +49,7 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
     return out;
   }
   try {
-    const bool coupled = earlier && earlier->model.find(kind_of<CrossCoupling>()) != nullptr;
+    const bool coupled = earlier && coupling_of(earlier->model) != nullptr;
     if (coupled) {
       out.axis = axis.for_model(*earlier);
     } else if (!options.leaves_out("cross_coupling")) {

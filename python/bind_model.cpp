@@ -126,12 +126,13 @@ Eigen::ArrayXd simulated(const ModelOfAxis& model, const Eigen::ArrayXd& command
   if (!command.isFinite().all())
     throw std::invalid_argument("the command has values that are not finite");
   if (!(sample_time_s > 0.0)) throw std::invalid_argument("sample_time_s must be positive");
-  const bool coupled = model.record.model.find(kind_of<CrossCoupling>()) != nullptr;
+  const bool coupled = coupling_of(model.record.model) != nullptr;
   if (coupled && !neighbour)
     throw std::invalid_argument(
         "the model contains the acceleration of " +
         (model.record.neighbour.empty() ? "another axis" : "axis " + model.record.neighbour) +
-        ": give its command as neighbour");
+        ": give its " + (coupled_by_motion(model.record.model) ? "motion" : "command") +
+        " as neighbour");
   if (neighbour && (neighbour->size() != command.size() || !neighbour->allFinite()))
     throw std::invalid_argument("neighbour must have as many values as the command, all finite");
   Segment segment;
@@ -259,7 +260,9 @@ void bind_model(py::module_& module) {
           },
           py::arg("recording"), "The same with a recording of one axis.")
       .def("predict", &predicted, py::arg("axis"), py::call_guard<py::gil_scoped_release>(),
-           "Compares the model with a recorded axis, in free simulation from the command alone.")
+           "Compares the model with a recorded axis, in free simulation from the command alone; "
+           "with "
+           "cross_coupling_by_motion along the recorded motion of the other axis.")
       .def(
           "simulate",
           [](const ModelOfAxis& m, const Eigen::VectorXd& command, std::optional<double> h,
@@ -275,8 +278,8 @@ void bind_model(py::module_& module) {
           py::arg("command"), py::kw_only(), py::arg("sample_time_s") = py::none(),
           py::arg("neighbour") = py::none(),
           "The tracking error, command minus position, of an axis that starts at rest; neighbour: "
-          "the "
-          "command of the axis whose acceleration the model contains.")
+          "the command of the axis whose acceleration the model contains (cross_coupling), or its "
+          "motion (cross_coupling_by_motion).")
       .def("__repr__", [](const ModelOfAxis& m) {
         return "<servotwin.Model of axis " + m.record.axis + ", order " +
                std::to_string(m.record.model.loop.order) + ", " +

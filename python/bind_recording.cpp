@@ -65,7 +65,7 @@ Axis axis_of(const Recording& recording, const std::optional<std::string>& given
 }
 
 SegmentedAxis Axis::for_model(const ModelRecord& record) const {
-  if (record.model.find(kind_of<CrossCoupling>()) == nullptr || record.neighbour.empty() ||
+  if (coupling_of(record.model) == nullptr || record.neighbour.empty() ||
       record.neighbour == segmented.neighbour)
     return segmented;
   return segment_axis(*recording, segmented.axis, {}, record.neighbour);

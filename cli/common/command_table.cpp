@@ -7,6 +7,7 @@
 #include "cli/common/option_table.h"
 #include "cli/common/output.h"
 #include "drivers/common/text.h"
+#include "twin/neighbour.h"
 
 namespace servotwin::cli {
 namespace {
@@ -91,6 +92,21 @@ Segment unbroken(const Recording& table, const std::string& axis, const std::str
   return segment;
 }
 
+/// Each with the motion of the axis that acts on it, as the model of that axis predicts it.
+void move_together(std::vector<CommandedAxis>& axes) {
+  for (CommandedAxis& axis : axes) {
+    if (!coupled_by_motion(axis.model)) continue;
+    const auto other = std::find_if(axes.begin(), axes.end(), [&](const CommandedAxis& one) {
+      return one.record.axis != axis.record.axis && pushed_by(axis.record, one.record.axis) &&
+             one.path.size() == axis.path.neighbour.size() &&
+             (one.path.command == axis.path.neighbour).all();
+    });
+    if (other != axes.end())
+      predict_neighbour(axis.path, axis.model, other->model,
+                        pushed_by(other->record, axis.record.axis));
+  }
+}
+
 }  // namespace
 
 void TableOptions::declare(OptionTable& command) {
@@ -130,6 +146,7 @@ std::vector<CommandedAxis> read_commands(const TableOptions& options, const std:
     }
     out.push_back({record, std::move(model), std::move(segment)});
   }
+  move_together(out);
   return out;
 }
 

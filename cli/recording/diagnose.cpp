@@ -238,6 +238,10 @@ void run(const DiagnoseArguments& arguments) {
   if (coupled && axis.neighbour != beside)
     throw std::runtime_error(axis.source + ": the earlier model is coupled to axis " + beside +
                              ", whose command the recording does not have at the same times");
+  if (coupled && coupled_by_motion(read_model(arguments.earlier).model) &&
+      axis.segments.front().neighbour_motion.size() == 0)
+    throw std::runtime_error(axis.source + ": the earlier model contains the motion of axis " +
+                             beside + ", whose encoder the recording does not have");
   arguments.input.read_more(axis, people);
   if (!commanded) {
     run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",

@@ -21,6 +21,7 @@
 #include "identification/model/motion_reach.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/neighbour.h"
 #include "twin/program_error.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
@@ -51,6 +52,7 @@ struct PredictedAxis {
   ModelRecord record;
   Model model;  // for the sampling time of the recording
   bool overlaps_training = false;
+  std::string driven_by = "the command alone";
   ErrorFigures all;
   std::vector<Judged> judged;
   RmsEstimate noise_floor;
@@ -150,6 +152,7 @@ json result_of(const PredictedAxis& one) {
           {"noise_floor_rms_m", number_or_null(one.noise_floor.rms)},
           {"noise_floor_interval_m", interval_or_null(one.noise_floor)},
           {"overlaps_training", one.overlaps_training},
+          {"predicted_from", one.driven_by},
           {"torque", torque_json(one)},
           {"segments", segments}};
 }
@@ -295,6 +298,28 @@ void require_order(const PredictArguments& arguments) {
   }
 }
 
+/// Sets the motion of the axis that acts on this one: as its own model predicts it, if that is
+/// given too. What the prediction then follows from.
+std::string with_acting_axis(const PredictArguments& arguments, const ModelRecord& record,
+                             const Model& model, SegmentedAxis& axis, std::FILE* people) {
+  for (std::size_t i = 0; i < arguments.axes.size(); ++i) {
+    if (arguments.axes[i] != axis.neighbour) continue;
+    const ModelRecord other = read_model(arguments.models[i]);
+    const Model at_rate = model_at(other, axis.sample_time_s, people);
+    for (Segment& segment : axis.segments)
+      predict_neighbour(segment, model, at_rate, pushed_by(other, record.axis));
+    return "the commands of " + axis.axis + " and " + axis.neighbour;
+  }
+  if (std::all_of(axis.segments.begin(), axis.segments.end(),
+                  [](const Segment& s) { return s.neighbour_motion.size() > 0; }))
+    return "the command and the recorded motion of " + axis.neighbour + " (give --axis " +
+           axis.neighbour + " and its --model too for commands alone)";
+  say(people, "note: the model contains the motion of axis " + axis.neighbour +
+                  ", which is not recorded: its command stands in for it; give --axis " +
+                  axis.neighbour + " and its --model as well");
+  return "the commands of " + axis.axis + " and " + axis.neighbour;
+}
+
 PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording& recording,
                              std::size_t at, std::FILE* people) {
   PredictedAxis out;
@@ -303,7 +328,7 @@ PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording&
       [&](const AxisRecord& one) { return one.name == arguments.axes[at] && one.rotary; });
   out.record = read_model_for(arguments.models[at], arguments.axes[at], rotary);
   const ModelRecord& record = out.record;
-  const bool coupled = record.model.find(kind_of<CrossCoupling>()) != nullptr;
+  const bool coupled = coupling_of(record.model) != nullptr;
   out.axis = segmented(recording, arguments.axes[at], people, coupled ? record.neighbour : "");
   const SegmentedAxis& axis = out.axis;
   if (coupled && axis.neighbour.empty())
@@ -329,6 +354,8 @@ PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording&
                      record.from_s, record.training_to_s, record.training_to_s, record.to_s));
   }
   out.model = model_at(record, axis.sample_time_s, people);
+  if (coupled_by_motion(out.model) && !axis.neighbour.empty())
+    out.driven_by = with_acting_axis(arguments, record, out.model, out.axis, people);
   if (const MotionReach reach = motion_reach(record, axis.segments); reach.beyond())
     say(people, "note: " + reach.words);
 
@@ -365,7 +392,7 @@ void print(const PredictedAxis& one, std::FILE* people) {
                   (one.record.version > 0 ? text(", version %d", one.record.version) : "") +
                   (one.record.source.empty() ? "" : ", from " + one.record.source));
   say(people,
-      "measured minus predicted tracking error, in free simulation from the command alone:");
+      "measured minus predicted tracking error, in free simulation from " + one.driven_by + ":");
   for (const Judged& judged : one.judged) {
     say(people,
         text("%8.2f to %8.2f s  ", judged.from_s, judged.to_s) +

@@ -54,6 +54,12 @@ void run(const SimulateArguments& arguments) {
   for (const auto& [record, model, segment] :
        read_commands(arguments.commands, "simulated", people)) {
     if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
+    if (coupled_by_motion(model) && segment.neighbour_motion.size() == 0)
+      say(people, "note: the model of " + record.axis + " contains the motion of " +
+                      (record.neighbour.empty() ? "another axis" : "axis " + record.neighbour) +
+                      ", which has no --model here: " +
+                      (segment.neighbour.size() > 0 ? "its command stands in for it"
+                                                    : "its part of the error is missing"));
     const std::string unit = record.rotary ? "[rad]" : "[m]";
     if (const MotionReach reach = motion_reach(record, {&segment, 1}); reach.beyond())
       say(people, "note: " + reach.words);

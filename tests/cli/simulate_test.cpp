@@ -127,6 +127,44 @@ TEST_F(Simulate, TheSeedDecidesTheNoise) {
   EXPECT_NE(first, with_seed("2"));
 }
 
+// X and Y push each other: predict finds again what simulate has made of both, from the commands.
+TEST_F(Simulate, MovesAxesTogetherThatPushEachOther) {
+  const std::string of_y = folder_ / "y.json";
+  for (const std::string name : {"X", "Y"}) {
+    ModelRecord record = known_axis(name);
+    record.neighbour = name == "X" ? "Y" : "X";
+    record.model.effects.push_back(make_effect<CrossCouplingByMotion>());
+    record.model.effects.back().coefficient[0] = -0.1;
+    record.effect_deviations.resize(record.model.effects.size());
+    write_model(name == "X" ? model_ : of_y, record);
+  }
+  std::string rows = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k < 12'000; ++k) {
+    const double t = 1e-3 * k;
+    rows += cell(t) + "," + cell(1e3 * rich_motion(t)) + "," +
+            cell(1e3 * rich_motion(std::max(0.0, t - 0.7))) + "\n";
+  }
+  const std::string both = folder_.write("both.csv", rows), made = folder_ / "made.csv";
+  const Answer simulated =
+      servotwin_says({"simulate", both, "--model", model_, "--model", of_y, "--out", made});
+  ASSERT_EQ(simulated.status, 0) << simulated;
+  EXPECT_THAT(simulated.out + simulated.err, Not(HasSubstr("stands in")));
+  const Answer together = servotwin_says({"predict", made, "--axis", "X", "--model", model_,
+                                          "--axis", "Y", "--model", of_y, "--json", "-"});
+  ASSERT_EQ(together.status, 0) << together;
+  for (const json& axis : json::parse(together.out).at("axes")) {
+    EXPECT_LT(axis.at("max_m").get<double>(), 2e-9);
+    EXPECT_THAT(axis.at("predicted_from").get<std::string>(), HasSubstr("the commands of"));
+  }
+  const Answer alone =
+      servotwin_says({"predict", made, "--axis", "X", "--model", model_, "--json", "-"});
+  EXPECT_THAT(json::parse(alone.out).at("predicted_from").get<std::string>(),
+              HasSubstr("the recorded motion of Y"));
+  const Answer blind = servotwin_says({"simulate", both, "--model", model_, "--out", made});
+  EXPECT_THAT(blind.out, HasSubstr("the motion of axis Y, which has no --model here: its command "
+                                   "stands in"));
+}
+
 TEST_F(Simulate, AnAxisDoesNotDependOnItsNeighbour) {
   std::string two = "time[s],X.command[mm],Y.command[mm]\n";
   for (int k = 0; k < 2000; ++k) {

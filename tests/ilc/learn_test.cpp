@@ -371,6 +371,28 @@ TEST(CoupledAxes, LearnFromWhatTheOtherDoes) {
   EXPECT_LT(3.0 * left_on_machine(seeing), left_on_machine(blind));
 }
 
+// X feels the motion of Y, which its own twin predicts from the corrected command of Y.
+TEST(CoupledAxes, MoveTogetherOnTheirTwins) {
+  std::vector<LearnAxis> axes = coupled_axes();
+  axes[0].model.effects.back() = make_effect<CrossCouplingByMotion>();
+  axes[0].model.effects.back().coefficient[0] = -0.5;
+  EXPECT_TRUE(find_neighbours(axes, {"Y", ""}).empty());
+  std::vector<Eigen::ArrayXd> commands{axes[0].path.command, 1.1 * axes[1].path.command};
+  const std::vector<Eigen::ArrayXd> moved = on_twins(axes)(commands);
+  Segment x = axes[0].path, y = axes[1].path;
+  x.actual.resize(0);
+  y.actual.resize(0);
+  x.command = commands[0];
+  y.command = commands[1];
+  EXPECT_EQ((moved[1] - (y.command - simulate(axes[1].model, y))).abs().maxCoeff(), 0.0);
+  x.neighbour = y.command;
+  x.neighbour_motion = moved[1];
+  EXPECT_EQ((moved[0] - (x.command - simulate(axes[0].model, x))).abs().maxCoeff(), 0.0);
+  x.neighbour_motion.resize(0);
+  EXPECT_GT((moved[0] - (x.command - simulate(axes[0].model, x))).abs().maxCoeff(), 1e-6)
+      << "the command of Y is not its motion";
+}
+
 TEST(CoupledAxes, WithoutTheOtherAxisAreNamed) {
   std::vector<LearnAxis> axes = coupled_axes();
   EXPECT_THAT(find_neighbours(axes, {"Z", ""}), testing::ElementsAre(0U));
