@@ -203,13 +203,21 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record) {
   std::vector<std::string> judged_on;
   if (!arguments.force) {
     const daemon::PromotionRule rule;
-    const RecordedMotion motion =
+    RecordedMotion motion =
         motion_since(arguments.store / "recordings" / machine, axis, record,
                      first ? record.neighbour : held->record.neighbour, rule.judge_s);
     if (record.created.empty())
       throw std::runtime_error(arguments.model.string() +
                                ": does not say when it was made, so that no recording is known to "
                                "be new to it");
+    const auto as_live = [&](std::vector<Segment>& segments, const ModelRecord& of) {
+      const auto other = std::find_if(all.begin(), all.end(), [&](const auto& one) {
+        return one.record.axis != axis && pushed_by(of, one.record.axis);
+      });
+      daemon::see_as_live(segments, of, other != all.end() ? &other->record : nullptr);
+    };
+    as_live(motion.segments, record);
+    if (!first) as_live(motion.segments_in_force, held->record);
     daemon::Candidacy candidacy;
     candidacy.rotary = record.rotary;
     candidacy.refusals = record.excitation;

@@ -20,6 +20,7 @@ struct TwinInForce {
   double standard_deviation = kAbsent;  ///< hold-out RMS [m | rad]
   int settling_cycles = 0;              ///< until a wrong initial state has decayed to 1 %
   int neighbour = -1;                   ///< the axis whose acceleration acts on this one; -1: none
+  bool by_motion = false;               ///< by its predicted motion, not by its command
 };
 
 /// The residual of one axis in one cycle: the input of the residual alarm.

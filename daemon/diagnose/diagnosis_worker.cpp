@@ -129,6 +129,12 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     const Recording recorded = memory_.copy(from_s, until_s, "live");
     SegmentedAxis motion =
         segment_axis(recorded, name, {}, acting_axis(recorded, name, options_.stop).name);
+    // By its motion only where a model predicts that, as the candidate will be judged.
+    const std::vector<StoredModel> in_force = store_.in_force();
+    if (std::none_of(in_force.begin(), in_force.end(),
+                     [&](const StoredModel& one) { return one.record.axis == motion.neighbour; })) {
+      for (Segment& segment : motion.segments) segment.neighbour_motion.resize(0);
+    }
     // A long pause means that the machine was off: that is not a loss of cycles.
     std::erase_if(motion.report.splits,
                   [](const auto& split) { return split.length_s > kMinOffTime_s; });

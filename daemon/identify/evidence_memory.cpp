@@ -18,7 +18,8 @@ bool follows(const Segment& next, const Segment& before) {
   return std::abs(next.sample_time_s - h) < kSamplingTimeTolerance * h &&
          std::abs(next.start_s - before.end_s() - h) < 0.1 * h &&
          (next.torque.size() == 0) == (before.torque.size() == 0) &&
-         (next.neighbour.size() == 0) == (before.neighbour.size() == 0);
+         (next.neighbour.size() == 0) == (before.neighbour.size() == 0) &&
+         (next.neighbour_motion.size() == 0) == (before.neighbour_motion.size() == 0);
 }
 
 void append(Eigen::ArrayXd& column, const Eigen::ArrayXd& more) {
@@ -90,6 +91,7 @@ std::vector<Segment> EvidenceMemory::kept(std::initializer_list<Evidence> classe
       append(out.back().actual, s.actual);
       append(out.back().torque, s.torque);
       append(out.back().neighbour, s.neighbour);
+      append(out.back().neighbour_motion, s.neighbour_motion);
     } else {
       out.push_back(s);
     }

@@ -5,6 +5,7 @@
 
 #include "drivers/common/text.h"
 #include "twin/catalogue.h"
+#include "twin/neighbour.h"
 #include "twin/twin.h"
 
 namespace servotwin::daemon {
@@ -59,7 +60,7 @@ ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate
 }
 
 int neighbour_in(const MachineDescription& machine, std::size_t axis, const ModelRecord& record) {
-  if (record.model.find(kind_of<CrossCoupling>()) == nullptr) return -1;
+  if (coupling_of(record.model) == nullptr) return -1;
   for (std::size_t other = 0; other < machine.axes.size(); ++other) {
     if (other != axis && (record.neighbour.empty() || machine.axes[other].name == record.neighbour))
       return static_cast<int>(other);
@@ -84,12 +85,24 @@ std::string why_not_for(const ModelRecord& record, const MachineDescription& mac
       return "contains " + std::string(identity_of(effect.kind).id) +
              ", which is of its recording and predicts no other motion";
   }
-  if (record.model.find(kind_of<CrossCoupling>()) != nullptr &&
-      neighbour_in(machine, axis, record) < 0)
-    return "needs the command of " +
+  if (coupling_of(record.model) != nullptr && neighbour_in(machine, axis, record) < 0)
+    return std::string("needs the ") + (coupled_by_motion(record.model) ? "motion" : "command") +
+           " of " +
            (record.neighbour.empty() ? "another axis" : "axis '" + record.neighbour + "'") +
            ", which the machine does not have";
   return {};
+}
+
+void see_as_live(std::vector<Segment>& motion, const ModelRecord& record,
+                 const ModelRecord* other) {
+  if (!coupled_by_motion(record.model)) return;
+  for (Segment& segment : motion) {
+    if (other != nullptr) {
+      predict_neighbour(segment, record.model, other->model, pushed_by(*other, record.axis));
+    } else {
+      segment.neighbour_motion.resize(0);
+    }
+  }
 }
 
 std::string printable(const std::string& text) {

@@ -34,6 +34,11 @@ namespace servotwin::daemon {
 [[nodiscard]] int neighbour_in(const MachineDescription& machine, std::size_t axis,
                                const ModelRecord& record);
 
+/// The motion with what the loop knows of the axis that acts on it in this model: its motion as
+/// `other`, the model of that axis in force, predicts it, without what a third axis does to it;
+/// null: its commands alone.
+void see_as_live(std::vector<Segment>& motion, const ModelRecord& record, const ModelRecord* other);
+
 /// Text from elsewhere for a reason: printable ASCII, of a length that a line can hold.
 [[nodiscard]] std::string printable(const std::string& text);
 

@@ -324,8 +324,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   IdentifyOptions options = config_.options;
   options.split_each = true;
   options.with_torque = false;  // a candidate is judged by the position
-  const Effect* coupled =
-      state.in_force ? state.in_force->record.model.find(kind_of<CrossCoupling>()) : nullptr;
+  const Effect* coupled = state.in_force ? coupling_of(state.in_force->record.model) : nullptr;
   if (!state.in_force) {
     state.last_step = "loop and friction" + on + "no model is in force";
   } else if (fast_s >= kMinNewEvidence_s) {
@@ -371,6 +370,12 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   options.coupling = options.coupling &&
                      std::all_of(motion.segments.begin(), motion.segments.end(),
                                  [](const Segment& s) { return s.neighbour.size() == s.size(); });
+  // By its motion only if that is predicted as well.
+  const auto acting = std::find_if(axes_.begin(), axes_.end(),
+                                   [&](const Axis& one) { return one.name == motion.neighbour; });
+  if (acting == axes_.end() || !acting->in_force) {
+    for (Segment& segment : motion.segments) segment.neighbour_motion.resize(0);
+  }
   seek(axis, until_s, motion, options);
 }
 
@@ -467,7 +472,11 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     // Each model with the axis that it is coupled to.
     const auto held_out = [&](const ModelRecord& record) {
       const std::vector<Segment> all = remembered(axis, until_s, record.neighbour).segments;
-      return with_lead_in(cut(all, after_s, until_s), all);
+      std::vector<Segment> out = with_lead_in(cut(all, after_s, until_s), all);
+      const int acting = neighbour_in(machine_, axis, record);
+      const auto* its = acting < 0 ? nullptr : &axes_[static_cast<std::size_t>(acting)].in_force;
+      see_as_live(out, record, its != nullptr && *its ? &(*its)->record : nullptr);
+      return out;
     };
     const std::vector<Segment> motion = held_out(candidate.identified.record);
     candidate.identified.record.holdout =
@@ -533,9 +542,10 @@ void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy
 void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& model) {
   const ModelRecord& record = model.record;
   in_force_[axis].publish({Twin(record.model), record.version, record.holdout.rms,
-                           settling_cycles(record.model), neighbour_in(machine_, axis, record)});
+                           settling_cycles(record.model), neighbour_in(machine_, axis, record),
+                           coupled_by_motion(record.model)});
   axes_[axis].in_force = model;
-  if (record.model.find(kind_of<CrossCoupling>()) != nullptr && !record.neighbour.empty())
+  if (coupling_of(record.model) != nullptr && !record.neighbour.empty())
     seek_beside(axis, record.neighbour);
   {
     const std::lock_guard lock(status_mutex_);

@@ -52,29 +52,39 @@ void AxisLoop::take(const TwinInForce& model) noexcept {
 }
 
 void AxisLoop::forget() noexcept {
-  count_ = 0;
+  count_ = run_ = sane_ = calm_ = 0;
+  last_ = {};
   if (catching_up_) next_fed_ = next_run_ = 0;
 }
 
-std::array<double, 4> AxisLoop::last_of(std::span<const AxisLoop> all, int axis,
-                                        std::uint64_t back) noexcept {
-  std::array<double, 4> out;
-  out.fill(kAbsent);
-  if (axis < 0) return out;
-  const AxisLoop& of = all[static_cast<std::size_t>(axis)];
-  for (std::size_t i = 0; i < out.size() && back + i < std::min<std::uint64_t>(of.count_, kHistory);
-       ++i)
-    out[i] = of.history_[(of.count_ - 1 - back - i) % kHistory];
-  return out;
+bool AxisLoop::settled() const noexcept {
+  const auto needed = static_cast<std::uint64_t>(in_force_.settling_cycles);
+  // What a jump of some metres leaves must fall below what an encoder shows: 1 % four times.
+  constexpr std::uint64_t kTimesAfterJump = 4;
+  return in_force_.version != 0 && run_ > needed && sane_ > kTimesAfterJump * needed;
 }
 
-std::array<double, 4> AxisLoop::acting(const std::array<double, 4>& last) noexcept {
-  // [m | rad]: ten times what the fastest axis does in four cycles of 5 ms; more is a wrong value.
-  constexpr double kMaxTravel = 1.0;
-  const auto [least, most] = std::minmax_element(last.begin(), last.end());
-  const bool moves =
-      std::all_of(last.begin(), last.end(), [](double x) { return std::isfinite(x); });
-  return moves && *most - *least < kMaxTravel ? last : std::array<double, 4>{};
+void AxisLoop::note_acting(std::span<const AxisLoop> all) noexcept {
+  if (!by_motion()) return;
+  const AxisLoop& acting = all[static_cast<std::size_t>(in_force_.neighbour)];
+  const bool settled = acting.settled();
+  const bool waits = acting.in_force_.version != 0 && !settled;
+  calm_ = waits || settled != moved_by_motion_ ? 0 : calm_ + 1;
+  moved_by_motion_ = settled;
+}
+
+SeenAxis AxisLoop::seen_then(std::uint64_t ago) const noexcept {
+  if (ago == 0) return seen();
+  SeenAxis out;
+  const std::uint64_t kept = std::min<std::uint64_t>(count_, kHistory);
+  for (std::size_t i = 0; i < out.last.command.size() && ago + i < kept; ++i)
+    out.last.command[i] = history_[(count_ - 1 - ago - i) % kHistory];
+  const double acceleration = ago < kept ? accelerations_[(count_ - 1 - ago) % kHistory] : kAbsent;
+  if (std::isfinite(acceleration)) {
+    out.model = &in_force_;
+    out.last.predict(acceleration);
+  }
+  return out;
 }
 
 double AxisLoop::catch_up(std::span<const AxisLoop> all) noexcept {
@@ -85,8 +95,10 @@ double AxisLoop::catch_up(std::span<const AxisLoop> all) noexcept {
       next_.twin.start(command);
       error = command - next_.twin.position();
     } else {
-      error =
-          next_.twin.follow(command, acting(last_of(all, next_.neighbour, count_ - 1 - next_fed_)));
+      const std::uint64_t ago = count_ - 1 - next_fed_;
+      error = next_.twin.follow(command, acting_on(next_, [&](int axis) {
+                                  return all[static_cast<std::size_t>(axis)].seen_then(ago);
+                                }));
     }
     ++next_run_;
   }
@@ -101,6 +113,9 @@ void AxisLoop::note(double command) noexcept {
   bad_sample_ = !std::isfinite(command);
   if (bad_sample_) return forget();
   history_[count_ % kHistory] = command;
+  accelerations_[count_ % kHistory] = kAbsent;
+  last_.add(command);
+  sane_ = last_.sane() ? sane_ + 1 : 0;
   ++count_;
 }
 
@@ -119,9 +134,13 @@ AxisPrediction AxisLoop::predict(std::span<const AxisLoop> all) noexcept {
       error = command - in_force_.twin.position();
       run_ = 1;
     } else {
-      error = in_force_.twin.follow(command, acting(last_of(all, in_force_.neighbour, 0)));
+      error = in_force_.twin.follow(command, acting_on(in_force_, [&](int axis) {
+                                      return all[static_cast<std::size_t>(axis)].seen();
+                                    }));
       ++run_;
     }
+    last_.predict(in_force_.twin.acceleration());
+    note_acting(all);
   }
   if (catching_up_) {
     if (const double newer = catch_up(all); !catching_up_) error = newer;
@@ -134,28 +153,14 @@ AxisPrediction AxisLoop::predict(std::span<const AxisLoop> all) noexcept {
     out.state = AxisState::kBadSample;
     return out;
   }
+  last_.predict(in_force_.twin.acceleration());
+  accelerations_[(count_ - 1) % kHistory] = last_.acceleration;
   out.predicted_error = error;
   out.standard_deviation = in_force_.standard_deviation;
-  out.state = run_ > static_cast<std::uint64_t>(in_force_.settling_cycles) ? AxisState::kPredicting
-                                                                           : AxisState::kSettling;
+  const auto needed = static_cast<std::uint64_t>(in_force_.settling_cycles);
+  const bool known = run_ > needed && (!by_motion() || calm_ > needed);
+  out.state = known ? AxisState::kPredicting : AxisState::kSettling;
   return out;
-}
-
-void AxisLoop::look_ahead(std::span<const AxisLoop> all, std::span<const double> commands,
-                          const std::array<std::array<double, kMaxLookAhead>, kMaxAxes>& ahead,
-                          std::span<double> errors) const noexcept {
-  if (in_force_.version == 0 || count_ == 0) {
-    std::fill(errors.begin(), errors.end(), kAbsent);
-    return;
-  }
-  if (in_force_.neighbour < 0) return in_force_.twin.predict(commands, errors);
-  const auto& of_neighbour = ahead[static_cast<std::size_t>(in_force_.neighbour)];
-  std::array<double, 4> last = last_of(all, in_force_.neighbour, 0);
-  Twin twin = in_force_.twin;
-  for (std::size_t k = 0; k < commands.size(); ++k) {
-    last = {of_neighbour[k], last[0], last[1], last[2]};
-    errors[k] = twin.follow(commands[k], acting(last));
-  }
 }
 
 RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> models,
@@ -166,7 +171,10 @@ RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> m
       models_(models),
       predictions_(predictions),
       rows_(rows),
-      publisher_(publisher) {
+      publisher_(publisher),
+      axes_(models.size()),
+      seen_(models.size()),
+      ahead_(models.size()) {
   if (models.empty() || models.size() > kMaxAxes || cycle_ns_ <= 0) {
     throw std::invalid_argument("a loop needs a cycle and 1 to " + std::to_string(kMaxAxes) +
                                 " axes");
@@ -256,6 +264,47 @@ void RealTimeLoop::add_contour(Path& path, const MachineFrame& frame, Order orde
   keep_farthest(prediction_.measured_contour_error, measured);
 }
 
+void RealTimeLoop::look_ahead(const MachineFrame& frame) noexcept {
+  const auto count = static_cast<std::size_t>(prediction_.ahead_count);
+  if (count == 0) return;
+  // Those that another axis acts on, and those that act by their motion, are stepped together.
+  std::array<bool, kMaxAxes> together{};
+  bool any = false;
+  for (std::size_t i = 0; i < models_.size(); ++i) {
+    const TwinInForce* model = axes_[i].predicting();
+    if (model == nullptr || model->neighbour < 0) continue;
+    any = together[i] = true;
+    const auto acting = static_cast<std::size_t>(model->neighbour);
+    if (model->by_motion && axes_[acting].predicting() != nullptr) together[acting] = true;
+  }
+  for (std::size_t i = 0; i < models_.size(); ++i) {
+    const TwinInForce* model = axes_[i].predicting();
+    const std::span<double> errors(prediction_.ahead[i].data(), count);
+    if (any) seen_[i] = axes_[i].seen();
+    if (together[i]) {
+      ahead_[i] = model->twin;
+      seen_[i].twin = &ahead_[i];
+    } else if (model != nullptr) {
+      model->twin.predict({frame.ahead[i].data(), count}, errors);
+    } else {
+      std::fill(errors.begin(), errors.end(), kAbsent);
+    }
+  }
+  for (std::size_t k = 0; any && k < count; ++k) {
+    for (std::size_t i = 0; i < models_.size(); ++i) seen_[i].last.add(frame.ahead[i][k]);
+    for (const bool by_motion : {false, true}) {
+      for (std::size_t i = 0; i < models_.size(); ++i) {
+        if (!together[i] || axes_[i].by_motion() != by_motion) continue;
+        prediction_.ahead[i][k] = ahead_[i].follow(
+            frame.ahead[i][k], acting_on(*axes_[i].predicting(), [&](int axis) -> const SeenAxis& {
+              return seen_[static_cast<std::size_t>(axis)];
+            }));
+        seen_[i].last.predict(ahead_[i].acceleration());
+      }
+    }
+  }
+}
+
 const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
                                             const Arrival& arrival) noexcept {
   predicted_ = false;
@@ -273,7 +322,6 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
   prediction_.time_ns = frame.time_ns;
   prediction_.axis_count = frame.axis_count;
   prediction_.ahead_count = std::clamp(frame.ahead_count, 0, kMaxLookAhead);
-  const auto ahead = static_cast<std::size_t>(prediction_.ahead_count);
 
   // First the prediction, from commands alone ...
   for (std::size_t i = 0; i < models_.size(); ++i) {
@@ -282,11 +330,14 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
     if (const TwinInForce* newest = models_[i].fresh()) axis.take(*newest);
     axis.note(frame.axes[i].command);
   }
-  for (std::size_t i = 0; i < models_.size(); ++i) {
-    prediction_.axes[i] = axes_[i].predict(axes_);
-    axes_[i].look_ahead(axes_, {frame.ahead[i].data(), ahead}, frame.ahead,
-                        {prediction_.ahead[i].data(), ahead});
+  std::array<bool, kMaxAxes> by_motion{};  // a newer model may come into force while it predicts
+  for (std::size_t i = 0; i < models_.size(); ++i) by_motion[i] = axes_[i].by_motion();
+  for (const bool now : {false, true}) {
+    for (std::size_t i = 0; i < models_.size(); ++i) {
+      if (by_motion[i] == now) prediction_.axes[i] = axes_[i].predict(axes_);
+    }
   }
+  look_ahead(frame);
   prediction_.contour_error = prediction_.measured_contour_error = kAbsent;
   for (Path& path : paths_) add_contour(path, frame, order);
   // ... then the measured values.

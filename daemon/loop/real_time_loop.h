@@ -4,6 +4,9 @@
 //   predicted error of cycle k = twin(commands up to k); the encoder value of cycle k is read
 //   afterwards
 //
+// An axis that is pushed by the motion of another one is predicted with the motion that the other
+// twin predicts (daemon/loop/acting_acceleration.h).
+//
 // A new model is received at a sample boundary (daemon/between/latest_value.h). Its twin first runs
 // through the command history, a bounded number of samples per cycle, and takes over when it has
 // caught up; until then the old twin predicts. After lost cycles, a jump of time or a command that
@@ -30,6 +33,7 @@
 #include "daemon/between/ring.h"
 #include "daemon/between/wake_up.h"
 #include "daemon/input/frame_source.h"
+#include "daemon/loop/acting_acceleration.h"
 #include "daemon/loop/live_offsets.h"
 #include "drivers/common/messages.h"
 #include "twin/contour.h"
@@ -68,23 +72,30 @@ class AxisLoop {
   /// The command of a new cycle [m | rad].
   void note(double command) noexcept;
   /// Predicts the error of the cycle that was noted last, from commands alone [m | rad]. `all`: the
-  /// axes of the machine, each with its command of this cycle.
+  /// axes of the machine, each with its command of this cycle; those that are pushed by motion come
+  /// after the others.
   AxisPrediction predict(std::span<const AxisLoop> all) noexcept;
-  /// Predicts the errors of coming cycles from their commands, `ahead` of every axis; NaN without a
-  /// model.
-  void look_ahead(std::span<const AxisLoop> all, std::span<const double> commands,
-                  const std::array<std::array<double, kMaxLookAhead>, kMaxAxes>& ahead,
-                  std::span<double> errors) const noexcept;
+  /// Whether it needs the predicted motion of another axis.
+  [[nodiscard]] bool by_motion() const noexcept {
+    return in_force_.by_motion && in_force_.neighbour >= 0;
+  }
+  /// As the axes see it that it acts on.
+  [[nodiscard]] SeenAxis seen() const noexcept {
+    return {settled() ? &in_force_ : nullptr, &in_force_.twin, last_};
+  }
+  /// The model that predicts the coming cycles; null where nothing is predicted.
+  [[nodiscard]] const TwinInForce* predicting() const noexcept {
+    return in_force_.version != 0 && count_ > 0 ? &in_force_ : nullptr;
+  }
 
  private:
+  /// Whether it has forgotten how it started, and the last command that no axis follows.
+  [[nodiscard]] bool settled() const noexcept;
+  /// Counts for how long the motion of the axis that acts has been known.
+  void note_acting(std::span<const AxisLoop> all) noexcept;
   double catch_up(std::span<const AxisLoop> all) noexcept;
-  /// The four commands of an axis up to the one `back` cycles ago, the newest first. Commands that
-  /// it has not had are NaN; without an axis all are.
-  [[nodiscard]] static std::array<double, 4> last_of(std::span<const AxisLoop> all, int axis,
-                                                     std::uint64_t back) noexcept;
-  /// The same as they act on another axis: not at all, all alike, where one is missing or no axis
-  /// moves so far.
-  [[nodiscard]] static std::array<double, 4> acting(const std::array<double, 4>& last) noexcept;
+  /// The axis as it was that many cycles ago, from its history.
+  [[nodiscard]] SeenAxis seen_then(std::uint64_t ago) const noexcept;
 
   TwinInForce in_force_, next_;
   bool catching_up_ = false;
@@ -93,7 +104,12 @@ class AxisLoop {
   std::uint64_t next_fed_ = 0;  // of those, fed to next_
   std::uint64_t run_ = 0;       // cycles that the twin in force has run since its start
   std::uint64_t next_run_ = 0;
-  std::array<double, kHistory> history_{};
+  std::uint64_t sane_ = 0;  // cycles since the last command that no axis follows
+  std::uint64_t calm_ = 0;  // cycles since the motion of the acting axis began, or ceased, to act
+  bool moved_by_motion_ = false;                  // it acts now
+  std::array<double, kHistory> history_{};        // commands
+  std::array<double, kHistory> accelerations_{};  // predicted
+  LastCycles last_;
 };
 
 class RealTimeLoop {
@@ -128,6 +144,9 @@ class RealTimeLoop {
   /// Adds the contour errors of this path to the prediction, where they are the largest. `frame`:
   /// with the commands that the drives follow. The path is that of the program, without offsets.
   void add_contour(Path& path, const MachineFrame& frame, Order order) noexcept;
+  /// Predicts the errors of coming cycles from their commands; NaN without a model. The axes take
+  /// turns as in on_frame, so that what is predicted ahead comes true.
+  void look_ahead(const MachineFrame& frame) noexcept;
 
   std::int64_t cycle_ns_;
   std::span<LatestValue<TwinInForce>> models_;
@@ -137,8 +156,10 @@ class RealTimeLoop {
   LiveOffsets* offsets_ = nullptr;
   Ring<DatedOffset>* said_ = nullptr;
 
-  std::array<AxisLoop, kMaxAxes> axes_;
+  std::vector<AxisLoop> axes_;
   std::vector<Path> paths_;
+  std::vector<SeenAxis> seen_;  // while looking ahead
+  std::vector<Twin> ahead_;     // of those that are stepped together
   std::array<PathPoint, kMaxLookAhead> path_ahead_{};
   MachineFrame frame_;
   MachinePrediction prediction_;

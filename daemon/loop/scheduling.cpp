@@ -73,7 +73,8 @@ void restore_normal_priority(pthread_t thread) noexcept {
 void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
 
 void prefault_stack() noexcept {
-  constexpr std::size_t kStackToTouch_bytes = 128 * 1024;  // of 8 MB; the loop itself needs some kB
+  constexpr std::size_t kStackToTouch_bytes =
+      128 * 1024;  // of 8 MB; with two copies of a twin the loop needs 60 kB
   constexpr std::size_t kPage_bytes = 4096;
   volatile char stack[kStackToTouch_bytes];
   for (std::size_t i = 0; i < kStackToTouch_bytes; i += kPage_bytes) stack[i] = 0;

@@ -4,6 +4,8 @@
 
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <map>
 #include <optional>
 #include <sstream>
 #include <vector>
@@ -20,8 +22,9 @@ namespace {
 /// The machine of tests/support/coupled_machine.h, of which the daemon sees the frames.
 class CoupledAxes : public testing::Test {
  protected:
-  CoupledAxes() {
-    const auto axes = test::recorded(test::coupled_machine(0.0), test::production_of_both());
+  explicit CoupledAxes(const test::CoupledMachine& machine = test::coupled_machine(0.0),
+                       double seconds = 20.0) {
+    const auto axes = test::recorded(machine, test::production_of_both(seconds));
     machine_.cycle_s = axes[0].sample_time_s;
     for (const SegmentedAxis& axis : axes) {
       machine_.axes.push_back({axis.axis, false, ""});
@@ -55,13 +58,18 @@ class CoupledAxes : public testing::Test {
     return out;
   }
   /// Lets the worker look at X for as long as it has something to do, after all rows.
-  void identify_x() {
+  void identify_x() { identify(1); }
+  /// The same with the first `count` axes in turn.
+  void identify(std::size_t count) {
     MotionMemory memory(machine_, 100.0);
     Store store(directory_.path(), "coupled");
     EventLog events(store, said_);
     std::vector<LatestValue<TwinInForce>> models(record_.size());
     IdentificationWorker worker(machine_, config_, memory, store, events, models,
-                                [&](const StoredModel& model) { found_ = model.record; });
+                                [&](const StoredModel& model) {
+                                  if (model.record.axis == "X") found_ = model.record;
+                                  all_[model.record.axis] = model.record;
+                                });
     worker.restore();
     for (Eigen::Index k = 0; k < record_[0].size(); ++k) {
       const MachineFrame one = frame(k);
@@ -72,27 +80,46 @@ class CoupledAxes : public testing::Test {
       row.axes = one.axes;
       memory.append(row);
     }
-    while (worker.look(0)) {
+    for (bool any = true; any;) {
+      any = false;
+      for (std::size_t axis = 0; axis < count; ++axis) any = worker.look(axis) || any;
     }
+  }
+  /// RMS of what the loop does not predict of each axis with the models found, over the last
+  /// quarter [m].
+  [[nodiscard]] std::vector<double> residuals() const {
+    std::vector<LatestValue<TwinInForce>> models(record_.size());
+    for (std::size_t i = 0; i < models.size(); ++i) {
+      const ModelRecord& one = all_.at(machine_.axes[i].name);
+      models[i].publish({Twin(one.model), 1, one.holdout.rms, settling_cycles(one.model),
+                         neighbour_in(machine_, i, one), coupled_by_motion(one.model)});
+    }
+    return residuals_of(models);
   }
   /// RMS of what the loop does not predict of X with this model, over the last quarter [m].
   [[nodiscard]] double residual_of_x(int neighbour) const {
     std::vector<LatestValue<TwinInForce>> models(record_.size());
     models[0].publish(
         {Twin(found_->model), 1, found_->holdout.rms, settling_cycles(found_->model), neighbour});
+    return residuals_of(models)[0];
+  }
+  [[nodiscard]] std::vector<double> residuals_of(
+      std::vector<LatestValue<TwinInForce>>& models) const {
     Ring<MachinePrediction> predictions{16};
-    Ring<CycleRow> out{16};
+    Ring<CycleRow> rows_out{16};
     const WakeUp wake_up;
-    RealTimeLoop loop(machine_.cycle_s, models, predictions, out, wake_up);
+    RealTimeLoop loop(machine_.cycle_s, models, predictions, rows_out, wake_up);
     const Eigen::Index rows = record_[0].size(), last = rows / 4;
-    double sum = 0.0;
+    std::vector<double> out(models.size());
     for (Eigen::Index k = 0; k < rows; ++k) {
       loop.on_frame(frame(k), {});
       MachinePrediction prediction;
       EXPECT_TRUE(predictions.pop(prediction));
-      if (k >= rows - last) sum += prediction.axes[0].residual * prediction.axes[0].residual;
+      for (std::size_t i = 0; i < out.size() && k >= rows - last; ++i)
+        out[i] += prediction.axes[i].residual * prediction.axes[i].residual;
     }
-    return std::sqrt(sum / static_cast<double>(last));
+    for (double& x : out) x = std::sqrt(x / static_cast<double>(last));
+    return out;
   }
 
   TemporaryDirectory directory_;
@@ -100,7 +127,8 @@ class CoupledAxes : public testing::Test {
   std::vector<Segment> record_;
   IdentifyConfig config_;
   std::ostringstream said_;
-  std::optional<ModelRecord> found_;
+  std::optional<ModelRecord> found_;        // of X
+  std::map<std::string, ModelRecord> all_;  // of every axis
 };
 
 TEST_F(CoupledAxes, AreFoundInTheBackgroundAndPredictedLive) {
@@ -116,6 +144,67 @@ TEST_F(CoupledAxes, AreFoundInTheBackgroundAndPredictedLive) {
   std::printf("live residual of X: %.3f um with what Y does, %.3f um without\n", 1e6 * with,
               1e6 * without);
   EXPECT_LT(1.7 * with, without) << "the rest is of a law of friction that is not the machine's";
+}
+
+/// Both tables stiff.
+test::CoupledMachine stiff_machine() {
+  test::CoupledMachine out = test::coupled_machine(0.0);
+  out.axes[0].body.spring_frequency_hz = 0.0;
+  out.axes[0].drive.position_gain = 60.0;
+  out.axes[1].drive.position_gain = 50.0;
+  return out;
+}
+class StiffCoupledAxes : public CoupledAxes {
+ protected:
+  StiffCoupledAxes() : CoupledAxes(stiff_machine()) {
+    config_.options.modes = 0;
+    config_.window_s = 6.0;
+    config_.memory_s = 12.0;
+  }
+};
+
+// First by the command of the other axis, which has no model yet; then by its predicted motion.
+TEST_F(StiffCoupledAxes, ArePredictedTogetherFromCommandsAlone) {
+  identify(2);
+  ASSERT_EQ(all_.size(), 2u) << said_.str();
+  const std::vector<double> left = residuals();
+  for (std::size_t i = 0; i < 2; ++i) {
+    const ModelRecord& found = all_.at(machine_.axes[i].name);
+    EXPECT_EQ(found.version, 2) << said_.str();
+    ASSERT_TRUE(coupled_by_motion(found.model)) << said_.str();
+    constexpr double kTruth = -4.0 / 100.0;  // 4 kg of 100
+    EXPECT_NEAR(coupling_of(found.model)->coefficient[0], kTruth, 0.15 * std::abs(kTruth));
+    std::printf("live residual of %s: %.3f um\n", found.axis.c_str(), 1e6 * left[i]);
+    EXPECT_LT(left[i], 1.5e-7) << found.axis << ", at a noise of 0.058 um";
+  }
+}
+
+// X on a spring, Y stiff; the law of friction by name.
+class LongCoupledAxes : public CoupledAxes {
+ protected:
+  LongCoupledAxes() : CoupledAxes(test::coupled_machine(0.0), 40.0) {
+    config_.options.friction = kind_of<MaxwellSlip>();
+    config_.options.bounds.zeta_max = 3.0;  // Y has 2.2
+    config_.memory_s = 32.0;                // Y reverses slowly only after 30 s
+  }
+};
+
+TEST_F(LongCoupledAxes, ArePredictedTogetherFromCommandsAlone) {
+  identify_x();  // as long as Y has no model, by its command
+  ASSERT_FALSE(coupled_by_motion(found_->model)) << said_.str();
+  const double by_command = residual_of_x(1);
+  std::filesystem::remove_all(directory_.path());
+  identify(2);
+  ASSERT_EQ(all_.size(), 2u) << said_.str();
+  const std::vector<double> left = residuals();
+  for (std::size_t i = 0; i < 2; ++i) {
+    const ModelRecord& found = all_.at(machine_.axes[i].name);
+    EXPECT_TRUE(coupled_by_motion(found.model)) << said_.str();
+    std::printf("live residual of %s: %.3f um\n", found.axis.c_str(), 1e6 * left[i]);
+    EXPECT_LT(left[i], 1.3e-7) << found.axis << ", at a noise of 0.058 um; " << said_.str();
+  }
+  std::printf("of X by the command of Y: %.3f um\n", 1e6 * by_command);
+  EXPECT_LT(2.0 * left[0], by_command);
 }
 
 // The first other axis is not the one that pushes: what the first model leaves tells which it is.

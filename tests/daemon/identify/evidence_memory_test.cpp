@@ -59,12 +59,15 @@ TEST(EvidenceMemory, KeepsTheOtherAxisBesideStretchesThatFollowEachOther) {
   for (const auto& [from_s, to_s] : {std::pair{0.0, 2.0}, std::pair{2.0, 4.0}}) {
     Segment s = fast(from_s, to_s);
     s.neighbour = 2.0 * s.command;
+    s.neighbour_motion = 3.0 * s.command;
     memory.take({s}, kNever, 1.0);
   }
   const std::vector<Segment> kept = memory.kept({Evidence::kFastMotion});
   ASSERT_EQ(kept.size(), 1U);
   ASSERT_EQ(kept[0].neighbour.size(), kept[0].size());
   EXPECT_TRUE((kept[0].neighbour == 2.0 * kept[0].command).all());
+  ASSERT_EQ(kept[0].neighbour_motion.size(), kept[0].size());
+  EXPECT_TRUE((kept[0].neighbour_motion == 3.0 * kept[0].command).all());
   Segment alone = fast(4.0, 5.0);
   memory.take({alone}, kNever, 1.0);
   EXPECT_EQ(memory.kept({Evidence::kFastMotion}).size(), 2U) << "there nothing is beside it";

@@ -2,12 +2,15 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
 #include <complex>
 #include <utility>
 #include <vector>
 
 #include "daemon/between/clock.h"
 #include "tests/daemon/support.h"
+#include "twin/neighbour.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -209,6 +212,158 @@ TEST(RealTimeLoop, WhatIsPredictedAheadBesideAnotherAxisComesTrue) {
       ASSERT_EQ(all[k].ahead[0][i], all[k + 1 + i].axes[0].predicted_error) << k << " + " << i + 1;
     }
   }
+}
+
+/// An axis that another one pushes by its motion; with a vibration of 45 Hz, as one of 30 of 100 kg
+/// on a spring.
+Model pushed(double ratio, bool vibrates = false) {
+  Model model = drive();
+  if (vibrates) model.loop.modes.push_back({281.0, 0.03, -0.022, 39.0, 8e-5, 0.97});
+  model.effects.push_back(make_effect<CrossCouplingByMotion>());
+  model.effects.back().coefficient[0] = ratio;
+  return model;
+}
+TwinInForce pushed_by(int neighbour, double ratio, bool vibrates = false) {
+  TwinInForce out = in_force(pushed(ratio, vibrates));
+  out.neighbour = neighbour;
+  out.by_motion = true;
+  return out;
+}
+
+// The truth is the simulation of the whole motion (tests/twin/neighbour_test.cpp).
+TEST(RealTimeLoop, AxesThatPushEachOtherArePredictedTogether) {
+  constexpr std::uint64_t kCycles = 3000;
+  constexpr Eigen::Index kSettled = 500;
+  for (const bool mutual : {false, true}) {
+    const std::array<double, 2> ratio{-0.13, mutual ? -0.04 : 0.0};
+    Loop loop(2);
+    std::array<Segment, 2> axis;
+    std::array<Eigen::ArrayXd, 2> predicted;
+    for (std::size_t i = 0; i < 2; ++i) {
+      loop.models[i].publish(i == 0 || mutual ? pushed_by(i == 0 ? 1 : 0, ratio[i], i == 0)
+                                              : in_force(drive()));
+      axis[i].sample_time_s = kCycle_s;
+      axis[i].command = predicted[i] = Eigen::ArrayXd(static_cast<Eigen::Index>(kCycles));
+    }
+    for (std::uint64_t k = 0; k < kCycles; ++k) {
+      const MachineFrame frame = loop.frame(k);
+      const MachinePrediction prediction = loop.put(frame);
+      for (std::size_t i = 0; i < 2; ++i) {
+        axis[i].command(static_cast<Eigen::Index>(k)) = frame.axes[i].command;
+        predicted[i](static_cast<Eigen::Index>(k)) = prediction.axes[i].predicted_error;
+      }
+    }
+    for (std::size_t i = 0; i < (mutual ? 2U : 1U); ++i) {
+      const std::array models{pushed(ratio[0], true), mutual ? pushed(ratio[1]) : drive()};
+      const Model& model = models[i];
+      axis[i].neighbour = axis[1 - i].command;
+      Segment by_command = axis[i], without = axis[i];
+      without.neighbour.resize(0);
+      predict_neighbour(axis[i], model, models[1 - i], mutual);
+      const auto apart = [&](const Eigen::ArrayXd& error) {
+        return std::sqrt(
+            (predicted[i] - error).tail(predicted[i].size() - kSettled).square().mean());
+      };
+      const double wrong = apart(simulate(model, axis[i]));
+      EXPECT_LT(wrong, 0.03 * apart(simulate(model, without))) << i << ", mutual " << mutual;
+      EXPECT_LT(wrong, 0.02 * apart(simulate(model, by_command))) << i << ", mutual " << mutual;
+    }
+  }
+}
+
+TEST(RealTimeLoop, WhatIsPredictedAheadOfAxesThatPushEachOtherComesTrue) {
+  constexpr int kAhead = 8;
+  Loop loop(3);  // the third is pushed by the first, whose turn comes before
+  loop.models[0].publish(pushed_by(1, -0.13, true));
+  loop.models[1].publish(pushed_by(0, -0.04));
+  loop.models[2].publish(pushed_by(0, 0.2));
+  std::vector<MachinePrediction> all;
+  for (std::uint64_t k = 0; k < 700; ++k) {
+    MachineFrame frame = loop.frame(k);
+    frame.ahead_count = kAhead;
+    for (std::uint64_t i = 0; i < kAhead; ++i) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        frame.ahead[axis][i] = loop.frame(k + 1 + i).axes[axis].command;
+    }
+    all.push_back(loop.put(frame));
+  }
+  constexpr std::size_t kSettled = 350;  // before, the command stands in for the motion
+  for (std::size_t k = kSettled; k + kAhead < all.size(); ++k) {
+    for (std::size_t i = 0; i < kAhead; ++i) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        ASSERT_EQ(all[k].ahead[axis][i], all[k + 1 + i].axes[axis].predicted_error)
+            << k << " + " << i + 1 << ", axis " << axis;
+    }
+  }
+}
+
+// What an axis does after a gap, or after a command that no axis follows, is no motion that others
+// should follow; where X and Y push each other, whichever has its turn first.
+TEST(RealTimeLoop, AFaultOfOneAxisDoesNotReachTheOtherByItsMotion) {
+  constexpr std::uint64_t kFault = 1000, kEnd = 2000;
+  for (const double wrong : {static_cast<double>(NAN), 5.0, 40.0}) {
+    for (const std::size_t faulty : {0U, 1U}) {
+      const std::size_t healthy = 1 - faulty;
+      const auto of_healthy = [&](bool fault) {
+        Loop loop(2);
+        loop.models[healthy].publish(pushed_by(static_cast<int>(faulty), -0.13));
+        loop.models[faulty].publish(pushed_by(static_cast<int>(healthy), -0.04));
+        std::vector<AxisPrediction> out;
+        for (std::uint64_t k = 0; k < kEnd; ++k) {
+          MachineFrame frame = loop.frame(k);
+          if (fault && k == kFault) frame.axes[faulty].command += wrong;
+          out.push_back(loop.put(frame).axes[healthy]);
+        }
+        return out;
+      };
+      const std::vector<AxisPrediction> well = of_healthy(false), ill = of_healthy(true);
+      double most = 0.0;
+      bool waited = false;
+      for (std::size_t k = kFault - 100; k < kEnd; ++k) {
+        const double off = std::abs(ill[k].predicted_error - well[k].predicted_error);
+        most = std::max(most, off);
+        waited = waited || ill[k].state == AxisState::kSettling;
+        if (ill[k].state == AxisState::kPredicting && k > kFault + 4) {
+          ASSERT_LT(off, 1e-6) << wrong << ", axis " << faulty << ", cycle " << k - kFault;
+        }
+      }
+      EXPECT_LT(most, 2e-5) << wrong << ", axis " << faulty << ": as by its command";
+      EXPECT_TRUE(waited) << wrong << ", axis " << faulty;
+      EXPECT_EQ(ill.back().state, AxisState::kPredicting);
+    }
+  }
+}
+
+// A model that comes into force again, as it is, changes nothing.
+TEST(RealTimeLoop, ATakeoverAmongAxesThatPushEachOtherIsSmooth) {
+  Loop loop(2), same(2);
+  for (Loop* one : {&loop, &same}) {
+    one->models[0].publish(pushed_by(1, -0.13));
+    one->models[1].publish(pushed_by(0, -0.04));
+  }
+  for (std::uint64_t k = 0; k < 1500; ++k) {
+    if (k == 1000) loop.models[0].publish(pushed_by(1, -0.13));
+    const double before = same.put(k).axes[0].predicted_error;
+    ASSERT_NEAR(loop.put(k).axes[0].predicted_error, before, 1e-8) << k;
+  }
+}
+
+// Nothing predicts the motion of an axis without a model: its command stands in for it, then, with
+// the model, its motion.
+TEST(RealTimeLoop, TheCommandStandsInForAMotionThatNobodyPredicts) {
+  Loop blind(2), by_command(2);
+  blind.models[0].publish(pushed_by(1, -0.13));
+  TwinInForce same = pushed_by(1, -0.13);
+  same.by_motion = false;
+  by_command.models[0].publish(same);
+  for (std::uint64_t k = 0; k < 300; ++k)
+    ASSERT_EQ(blind.put(k).axes[0].predicted_error, by_command.put(k).axes[0].predicted_error);
+  blind.models[1].publish(in_force(drive()));
+  double apart = 0.0;
+  for (std::uint64_t k = 300; k < 900; ++k)
+    apart = std::max(apart, std::abs(blind.put(k).axes[0].predicted_error -
+                                     by_command.put(k).axes[0].predicted_error));
+  EXPECT_GT(apart, 1e-7);
 }
 
 TEST(RealTimeLoop, ANeighbourWithoutACommandActsOnNobody) {

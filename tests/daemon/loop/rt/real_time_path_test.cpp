@@ -92,13 +92,22 @@ class Eventful final : public FrameSource {
     Effect delay = make_effect<TimeDelay>();
     delay.shape[0] = 0.0073;
     delayed.effects.push_back(delay);
-    twins_ = {in_force(drive(15.0), 1), in_force(delayed, 2), in_force(drive(30.0, 5.0), 3)};
+    Model pushed = drive(20.0);
+    pushed.effects.push_back(make_effect<CrossCouplingByMotion>());
+    pushed.effects.back().coefficient[0] = -0.1;
+    twins_ = {in_force(drive(15.0), 1), in_force(delayed, 2), in_force(drive(30.0, 5.0), 3),
+              in_force(pushed, 4), in_force(pushed, 5)};
+    for (std::size_t i : {3U, 4U}) twins_[i].by_motion = true;
   }
   Received receive(MachineFrame& frame, double) noexcept override {
     if (k_ >= count_) return Received::kEnd;
     ++k_;
-    if (k_ % 5000 == 1)
-      models_[k_ / 5000 % models_.size()].publish(twins_[k_ / 5000 % twins_.size()]);
+    if (k_ % 5000 == 1) {
+      const std::size_t axis = k_ / 5000 % models_.size();
+      TwinInForce next = twins_[k_ / 5000 % twins_.size()];
+      if (next.by_motion) next.neighbour = static_cast<int>((axis + 1) % models_.size());
+      models_[axis].publish(next);
+    }
     if (k_ % 7001 == 0) sequence_ += 13;
     if (k_ % 9001 == 0) sequence_ = 1;
     if (k_ % 3001 != 0) ++sequence_;
