@@ -133,8 +133,9 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
       out.velocity.push_back(v.velocity(k));
       out.fastest = std::max(out.fastest, std::abs(v.velocity(k)));
       out.acceleration.push_back(v.acceleration(k));
-      out.neighbour.push_back(
-          signals.neighbour_acceleration.size() > 0 ? signals.neighbour_acceleration(k) : kAbsent);
+      out.neighbour.push_back(signals.neighbour_motion_acceleration.size() > 0
+                                  ? signals.neighbour_motion_acceleration(k)
+                                  : kAbsent);
       out.position.push_back(v.position(k));
       out.time.push_back(v.time(k));
       out.travel.push_back(turns.travel(k));

@@ -16,14 +16,15 @@ namespace servotwin {
 
 double share_of_neighbour(const Model& model, const std::vector<Segment>& beside) {
   std::vector<Signals> signals;
+  bool moves = true;
   for (const Segment& s : beside) {
     if (s.neighbour.size() != s.size()) return 0.0;
+    moves = moves && s.neighbour_motion.size() == s.size();
     signals.push_back(signals_of(s));
   }
   if (signals.empty()) return 0.0;
   Model without = model;
-  std::erase_if(without.effects,
-                [](const Effect& effect) { return effect.kind == kind_of<CrossCoupling>(); });
+  std::erase_if(without.effects, [](const Effect& effect) { return couples(effect.kind); });
   // What the loop and its friction could absorb is not counted.
   Model loop = without;
   std::erase_if(loop.effects, [](const Effect& effect) {
@@ -35,7 +36,7 @@ double share_of_neighbour(const Model& model, const std::vector<Segment>& beside
   constexpr double kAnyEncoder = 0.0;  // its step matters for periods of position alone
   return Screen(coarse, point_of(loop), without, left_by_simulation(coarse, beside, without),
                 kAnyEncoder)
-      .look(kind_of<CrossCoupling>())
+      .look(moves ? kind_of<CrossCouplingByMotion>() : kind_of<CrossCoupling>())
       .gain;
 }
 

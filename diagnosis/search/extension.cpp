@@ -12,6 +12,7 @@ Channels::Channels(const std::vector<Segment>& segments, bool encoder_in_loop)
   constexpr double kMinRestShare = 0.02;
   for (const Segment& s : segments) {
     neighbour = neighbour && s.neighbour.size() == s.size();
+    neighbour_motion = neighbour_motion && s.neighbour_motion.size() == s.size();
     in_cut = in_cut && s.in_cut.size() == s.size();
   }
   rests = excitation_of(segments).rest_share >= kMinRestShare;
@@ -27,6 +28,7 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
     const auto& e = structure.effects;
     return std::find(e.begin(), e.end(), kind) != e.end();
   };
+  const bool coupled = std::any_of(structure.effects.begin(), structure.effects.end(), couples);
   std::vector<std::size_t> out;
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     const Identity& identity = identity_of(kind);
@@ -40,7 +42,9 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
     if (kind == kind_of<ConstantForce>() &&
         (structure.order == 3 || has(kind_of<AsymmetricFriction>())))
       continue;
-    if (kind == kind_of<CrossCoupling>() && !channels.neighbour) continue;
+    if (couples(kind) && (coupled || !channels.neighbour ||
+                          channels.neighbour_motion != (kind == kind_of<CrossCouplingByMotion>())))
+      continue;
     if (kind == kind_of<CuttingForce>() && !channels.in_cut) continue;
     if (kind == kind_of<DwellStiction>() && !channels.rests) continue;
     if (kind == kind_of<SwingingLoad>() && !channels.rotary) continue;

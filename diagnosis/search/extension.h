@@ -12,11 +12,12 @@ namespace servotwin {
 /// Which signals the segments contain in addition to command and encoder, and whether errors of the
 /// encoder reading are observable.
 struct Channels {
-  bool neighbour = true;  ///< the motion of another axis
-  bool in_cut = true;     ///< when the tool was cutting
-  bool reading = true;    ///< errors of the reading: the encoder is not that of the position loop
-  bool rests = true;      ///< the axis rests; reversals of a smooth motion do not count
-  bool rotary = false;    ///< a load may swing with the axis
+  bool neighbour = true;         ///< the command of another axis
+  bool neighbour_motion = true;  ///< and its encoder
+  bool in_cut = true;            ///< when the tool was cutting
+  bool reading = true;  ///< errors of the reading: the encoder is not that of the position loop
+  bool rests = true;    ///< the axis rests; reversals of a smooth motion do not count
+  bool rotary = false;  ///< a load may swing with the axis
   explicit Channels(const std::vector<Segment>& segments, bool encoder_in_loop = false);
 };
 

@@ -30,5 +30,25 @@ TEST(Extension, WithoutWhatIsNotInItAStructureStaysAsItIs) {
   }
 }
 
+TEST(Extension, OneOtherAxisIsAddedByItsMotionWhereItIsRecorded) {
+  Segment alone;
+  alone.sample_time_s = 1e-3;
+  alone.command = Eigen::ArrayXd::LinSpaced(100, 0.0, 1.0);
+  Segment commanded = alone, moving = alone;
+  commanded.neighbour = moving.neighbour = alone.command;
+  moving.neighbour_motion = alone.command;
+  const auto couplings = [](const Segment& s, const std::vector<std::size_t>& effects) {
+    std::vector<std::size_t> out =
+        candidates_of({2, effects}, {}, {}, Channels(std::vector<Segment>{s}));
+    std::erase_if(out, [](std::size_t kind) { return !couples(kind); });
+    return out;
+  };
+  const std::vector<std::size_t> law{kind_of<CoulombFriction>()};
+  EXPECT_THAT(couplings(alone, law), ElementsAre());
+  EXPECT_THAT(couplings(commanded, law), ElementsAre(kind_of<CrossCoupling>()));
+  EXPECT_THAT(couplings(moving, law), ElementsAre(kind_of<CrossCouplingByMotion>()));
+  EXPECT_THAT(couplings(moving, {law[0], kind_of<CrossCoupling>()}), ElementsAre());
+}
+
 }  // namespace
 }  // namespace servotwin
