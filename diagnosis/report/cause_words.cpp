@@ -1,5 +1,6 @@
 #include "diagnosis/report/cause_words.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -128,10 +129,35 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   if (id == "stribeck" && std::isfinite(of("breakaway_ratio")))
     out = text("%.3g times as high at creeping speed, no effect above about %.3g %s/s",
                of("breakaway_ratio"), 3e3 * of("stribeck_velocity"), length);
+  if (id == "dwell_stiction")
+    out = text("%.3g %s more after ten times the rest, gone again within about %.3g %s",
+               std::log(10.0) * of("growth"), force, 1e6 * of("length"), unit);
+  if (id == "impulse_disturbance") {
+    double most = 0.0;  // of all four, which the effect has
+    std::string times;
+    for (int i = 1; i <= 4; ++i) {
+      const std::string n = std::to_string(i);
+      most = std::max(most, std::abs(of(("push_" + n).c_str())));
+      times += (i == 1   ? ""
+                : i == 4 ? " and "
+                         : ", ") +
+               text("%.4g", of(("time_" + n + "_s").c_str()));
+    }
+    out = text("pushes of at most %.3g %s, at ", most, force) + times + " s";
+  }
   if (id == "presliding") {
-    const double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
-    const double way = std::isfinite(of("breakaway_displacement")) ? of("breakaway_displacement")
-                                                                   : of("deflection");
+    double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
+    double way = std::isfinite(of("breakaway_displacement")) ? of("breakaway_displacement")
+                                                             : of("deflection");
+    if (std::isfinite(of("level_1"))) {  // all elements slide
+      level = 0.0;
+      way = std::isfinite(of("last_displacement")) ? of("last_displacement")
+                                                   : of("first_displacement");
+      for (const auto& [key, value] : parameters.items()) {
+        if (key.rfind("level_", 0) == 0 && value.is_number()) level += value.get<double>();
+        if (key.rfind("step_", 0) == 0 && value.is_number()) way *= value.get<double>();
+      }
+    }
     out = text("%.3g %s, built up within about %.3g %s", level, force, 1e6 * way, unit);
   }
   // A key that this effect does not have would print as nan.

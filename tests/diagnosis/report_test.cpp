@@ -4,6 +4,8 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <random>
@@ -230,6 +232,33 @@ TEST(Words, EveryCauseOfTheContractHasAName) {
   for (const std::string_view id : contract_ids()) {
     EXPECT_NE(plain_name(std::string(id)), id);
     EXPECT_THAT(plain_name(std::string(id)), Not(HasSubstr("_")));
+  }
+}
+
+TEST(Words, NoSizeOfACauseContainsAnIdentifier) {
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    const std::string id(is_friction_law(kind) ? "presliding" : identity_of(kind).cause);
+    const std::array without_presliding{kind_of<CoulombFriction>(), kind_of<Stribeck>(),
+                                        kind_of<ModifiedStribeck>()};
+    if (id.empty() || std::find(without_presliding.begin(), without_presliding.end(), kind) !=
+                          without_presliding.end())
+      continue;
+    Diagnosis d;
+    d.extended.axis = "X";
+    d.extended.model = plain(2);
+    Effect effect;
+    effect.kind = kind;
+    std::size_t i = 0;
+    for (const Parameter& p : shapes_of(kind)) effect.shape[i++] = p.start;
+    i = 0;
+    for (const Parameter& p : coefficients_of(kind))
+      effect.coefficient[i++] = p.start > 0.0 ? p.start : 0.1;
+    d.extended.model.effects.push_back(effect);
+    Cause cause;
+    cause.id = id;
+    cause.place = 1;
+    d.causes = {cause};
+    EXPECT_THAT(plain_size(d, cause), Not(HasSubstr("_"))) << identity_of(kind).id;
   }
 }
 
