@@ -396,7 +396,9 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
       out.segments[i].neighbour = std::move(neighbour.segments[i].command);
       Eigen::ArrayXd& motion = neighbour.segments[i].actual_motor;
       continue_to_the_ends(motion, out.segments[i].neighbour);
-      if (motion.size() > 0 && motion.isFinite().all())
+      const auto moves = [](const Eigen::ArrayXd& x) { return (x != x(0)).any(); };
+      const bool dead = motion.size() > 0 && !moves(motion) && moves(out.segments[i].neighbour);
+      if (motion.size() > 0 && motion.isFinite().all() && !dead)
         out.segments[i].neighbour_motion = std::move(motion);
       out.segments[i].in_plane = !out.rotary && !other.rotary;
     }

@@ -92,6 +92,13 @@ TEST(Segments, TheEncoderOfTheNeighbourSplitsNothing) {
   EXPECT_EQ(later.neighbour_motion(300), whole.neighbour_motion(300));
   // In between nothing says how it moves.
   EXPECT_EQ(beside(700, 1000).neighbour_motion.size(), 0);
+  // Nor does an encoder that stands while its axis is commanded to move.
+  Recording stands = sampled(grid(2000, 0.001));
+  stands.axes.push_back(stands.axes[0]);
+  stands.axes[1].name = "Y";
+  stands.axes[1].actual.assign(2000, 0.25);
+  EXPECT_EQ(segment_axis(stands, "X").segments[0].neighbour.size(), 2000);
+  EXPECT_EQ(segment_axis(stands, "X").segments[0].neighbour_motion.size(), 0);
   // Parts, and recordings that follow each other.
   EXPECT_EQ(part_of(whole, 100, 500).neighbour_motion(7), whole.neighbour_motion(107));
   SegmentedAxis both = segment_axis(sampled(grid(2000, 0.001)), "X"), next = both;
