@@ -18,17 +18,17 @@ static_assert(std::is_trivially_copyable_v<Twin>, "a twin crosses threads by val
 namespace {
 
 /// A force that jumps within a part is taken for linear there, which is wrong by up to half of it
-/// over the part [s]. Up to here a cycle is one part, so that the least squares problem, whose
-/// columns know the cycle only, and the simulation are one scheme.
+/// over the part [s]. On a rigid axis a cycle is one part up to here, so that the least squares
+/// problem, whose columns know the cycle only, and the simulation are one scheme.
 constexpr double kLongestPart_s = 1e-3;
+
+/// The same where something vibrates: friction that sticks is a spring that follows the vibration,
+/// and is curved within a millisecond (docs/decisions/0029-vibrations-are-solved-in-parts.md).
+constexpr double kLongestPartOfVibration_s = 0.25e-3;
 
 /// With play the spring's force is not part of the linear system but taken for linear within a
 /// part, so that a part is short against its period [rad].
 constexpr double kLargestStepInPlay_rad = 0.5;
-
-}  // namespace
-
-namespace {
 
 template <std::size_t N>
 Model values_of(const ModelOf<Dual<N>>& model) {
@@ -64,7 +64,8 @@ TwinOf<S>::TwinOf(const ModelOf<S>& model) {
     throw std::invalid_argument(why);
   }
   const EffectOf<S>* two_mass = two_mass_of(model);
-  double longest_part_s = kLongestPart_s;
+  const bool vibrates = two_mass != nullptr || !model.loop.modes.empty();
+  double longest_part_s = vibrates ? kLongestPartOfVibration_s : kLongestPart_s;
   if (plays(model))
     longest_part_s = std::min(
         longest_part_s, kLargestStepInPlay_rad / value_of(two_mass_parameters(*two_mass).omega));

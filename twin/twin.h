@@ -4,8 +4,9 @@
 //
 // N, P and the modes of vibration: twin/loop.h; (s | 1): s with integral action, 1 without. The
 // filters are exact (twin/hold.h). The friction force is interpolated linearly within the step and
-// solved together with it, so any step is stable (docs/theory.md 2.3). Cycles above 1 ms are solved
-// in parts, because friction may reverse within them. On an axis of two masses
+// solved together with it, so any step is stable (docs/theory.md 2.3). Cycles above 1 ms, and above
+// 0.25 ms where something vibrates, are solved in parts: friction may reverse within them. On an
+// axis of two masses
 // (twin/two_mass_axis.h) the forces on motor and load are solved in turns until they agree.
 // Trivially copyable; looking ahead is done on a copy.
 //

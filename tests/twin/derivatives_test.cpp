@@ -18,7 +18,7 @@ namespace {
 // below kRelativeTolerance.
 constexpr double kStep = 1e-6;
 /// Norm of the difference of both over that of the derivative, and what the tolerance of the force
-/// balance leaves in a difference [m].
+/// balance leaves in a difference for every part in which a cycle is solved [m].
 constexpr double kRelativeTolerance = 5e-5, kNoise_m = 4e-10, kNoise_mps2 = 4e-6, kNoise_mps = 4e-8;
 
 Loop loop_of(int order) {
@@ -158,9 +158,10 @@ void expect_derivatives(const Model& model, const std::string& what) {
                             apart = by - difference(model, all[i].along, segment, kAll).matrix();
       for (Eigen::Index output = 0; output < kAll.per_sample(); ++output) {
         const bool is_error = output < kAll.torque_at();
-        const double noise = is_error                     ? kNoise_m
-                             : output == kAll.torque_at() ? kNoise_mps2
-                                                          : kNoise_mps;
+        const double noise =
+            Twin(model).step_constants().parts * (is_error                     ? kNoise_m
+                                                  : output == kAll.torque_at() ? kNoise_mps2
+                                                                               : kNoise_mps);
         const Eigen::VectorXd off = apart(of(output));
         EXPECT_LT(is_error ? off.norm() : without_corners(off).norm(),
                   kRelativeTolerance * by(of(output)).norm() + noise)
@@ -232,7 +233,8 @@ TEST(Derivatives, OfPlayAreThoseOfDifferencesAfterARest) {
       const Simulated out = simulate(model, std::vector<Model>{one.along}, segment);
       const Eigen::ArrayXd by = out.by.col(0).array();
       const double apart = (by - difference(model, one.along, segment)).matrix().norm();
-      EXPECT_LT(apart, kRelativeTolerance * by.matrix().norm() + kNoise_m)
+      EXPECT_LT(apart, kRelativeTolerance * by.matrix().norm() +
+                           kNoise_m * Twin(model).step_constants().parts)
           << identity_of(kind).id << one.name;
     }
   }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <vector>
 
 #include "twin/two_pi.h"
@@ -73,6 +74,54 @@ TEST(Twin, FrictionTurnsWithinALongCycle) {
   }
   // Of what the friction does to the error.
   EXPECT_LT(apart, 0.01 * coulomb / a2);
+}
+
+// A light load on a spring sticks and swings against friction that yields: its force is curved
+// within a cycle of 1 ms. The reference is the differential equation in steps of 2 us.
+TEST(Twin, FrictionFollowsAVibrationWithinACycle) {
+  const double h = 1e-3, coulomb = 0.5, deflection = 2.5e-6, share = 0.1;
+  Model model = plain_drive(h);
+  Effect friction = make_effect<Dahl>();
+  friction.shape[0] = deflection;
+  friction.coefficient[0] = coulomb;
+  Effect masses = make_effect<TwoMassMotorEncoder>();
+  masses.shape = {15.0, 0.05, share, 1.0};
+  model.effects = {friction, masses};
+  EXPECT_EQ(Twin(model).step_constants().parts, 4);
+  const auto command = [](double t) { return 1e-3 * std::pow(std::sin(kTwoPi * 1.3 * t), 3); };
+  const Segment segment = commanded(h, 2.0, command);
+  const Eigen::ArrayXd error = simulate(model, segment);
+  const double a1 = model.loop.denominator[0], a2 = model.loop.denominator[1], step = 2e-6,
+               omega = 15.0 * kTwoPi;
+  const auto steps = static_cast<int>(std::lround(h / step));
+  double x1 = 0.0, v1 = 0.0, x2 = 0.0, v2 = 0.0, force = 0.0, apart = 0.0;
+  for (Eigen::Index k = 0; k < segment.size(); ++k) {
+    apart = std::max(apart, std::abs(segment.command(k) - x1 - error(k)));
+    for (int i = 0; i < steps; ++i) {
+      const double t = h * static_cast<double>(k) + step * (i + 0.5);
+      x1 += 0.5 * step * v1, x2 += 0.5 * step * v2;
+      const double spring = share * (omega * omega * (x1 - x2) + 2.0 * 0.05 * omega * (v1 - v2));
+      const double way = step * v2;
+      force += way / deflection * (coulomb - (way > 0.0 ? force : -force));
+      v1 += step * (a2 * (command(t) - x1) - a1 * v1 - spring) / (1.0 - share);
+      v2 += step * (spring - force) / share;
+      x1 += 0.5 * step * v1, x2 += 0.5 * step * v2;
+    }
+  }
+  EXPECT_LT(apart, 0.004 * coulomb / a2);
+}
+
+// How a cycle is divided: a rigid axis, one that vibrates.
+TEST(Twin, PartsOfACycle) {
+  for (const auto& [h, rigid, vibrating] :
+       {std::tuple{62.5e-6, 1, 1}, {0.25e-3, 1, 1}, {0.3e-3, 1, 2}, {1e-3, 1, 4}, {4e-3, 4, 16}}) {
+    Model model = plain_drive(h, 0.3);
+    EXPECT_EQ(Twin(model).step_constants().parts, rigid) << h;
+    model.loop.modes = {{280.0, 0.04, -0.05, 20.0, 2e-4, 0.6}};
+    EXPECT_EQ(Twin(model).step_constants().parts, vibrating) << h;
+    model.effects.clear();
+    EXPECT_EQ(Twin(model).step_constants().parts, 1) << "exact without a force, " << h;
+  }
 }
 
 // At constant speed the error is c_(n-1) / a_n v, plus d / a2 where no integrator takes the force

@@ -60,6 +60,11 @@ std::complex<double> error_at(const Loop& loop, std::complex<double> s, bool of_
   return of_command ? command : force;
 }
 
+/// RMS of the noise and the step of the encoder [m].
+double noise_of(const Rig& rig) {
+  return std::hypot(rig.reading.noise, rig.reading.step / std::sqrt(12.0));
+}
+
 Loop loop_with_modes(int order) {
   Loop loop;
   loop.order = order;
@@ -258,6 +263,29 @@ TEST(LongModes, OneThatMovesWithPositionIsFoundWhereItIs) {
   EXPECT_LT(again.record.holdout.rms, 1.2 * found.record.holdout.rms);
 }
 
+// Friction that sticks follows the vibration. Taken for linear over a cycle of 1 ms it left 1.4
+// times the noise.
+TEST(Modes, WithFrictionIsPredictedToTheNoise) {
+  Rig rig = two_masses(150.0, 0.0);
+  rig.friction.family = hidden_effects::Friction::Family::kCoulomb;
+  SegmentedAxis axis;
+  axis.axis = "X";
+  axis.sample_time_s = rig.reading.sample_time;
+  axis.segments = {recorded(rig, 14.0)};
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  options.order = 2;
+  options.delay_max_s = 0.0;
+  options.friction = kind_of<CoulombFriction>();
+  options.modes = 1;
+  const ModelRecord found = identify(axis, options).record;
+  ASSERT_EQ(found.model.loop.modes.size(), 1u);
+  EXPECT_LT(found.training.rms, 1.1 * noise_of(rig));
+  EXPECT_LT(found.holdout.rms, 1.1 * noise_of(rig));
+  const auto truth = test::mode_of(rig);
+  EXPECT_NEAR(found.model.loop.modes[0].omega, std::abs(truth), 5e-4 * std::abs(truth));
+}
+
 // A question that the thesis leaves open: presliding friction together with vibration. Neither
 // alone improves the fit as both do. With a law of three parameters the residual is ten times the
 // noise; a law with free elements reaches the noise.
@@ -289,13 +317,12 @@ TEST(LongModes, PreslidingAndVibrationAreFoundTogether) {
   const Model& model = found.record.model;
   ASSERT_EQ(model.effects.front().kind, kind_of<MaxwellSlip>());
   EXPECT_NEAR(level_of(model.effects.front()), 150.0 / 30.0, 0.15);  // of the table
-  EXPECT_LT(found.record.holdout.rms,
-            4.0 * std::hypot(rig.reading.noise, rig.reading.step / std::sqrt(12.0)));
+  EXPECT_LT(found.record.holdout.rms, 1.3 * noise_of(rig));
   const auto truth = test::mode_of(rig);
   ASSERT_EQ(model.loop.modes.size(), 1u);
-  EXPECT_NEAR(model.loop.modes[0].omega, std::abs(truth), 0.002 * std::abs(truth));
+  EXPECT_NEAR(model.loop.modes[0].omega, std::abs(truth), 5e-4 * std::abs(truth));
   EXPECT_NEAR(model.loop.modes[0].zeta, -truth.real() / std::abs(truth),
-              0.03 * -truth.real() / std::abs(truth));
+              0.01 * -truth.real() / std::abs(truth));
 }
 
 }  // namespace
