@@ -288,7 +288,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     const Point rough = begun ? *begun : options.from.front();
     const std::size_t held = begun ? kind_of<CoulombFriction>() : structure.effects[place];
     std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
-    if (given) starts.push_back(rough);
+    starts.insert(starts.end(), options.from.begin(), options.from.end());
     auto fits = refined(data, starts, options, evaluations);
     // Where quantisation dominates the model's error, the simulated motion is more accurate.
     for (int round = 0; round < 2 && !fits.empty(); ++round) {
@@ -326,11 +326,16 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     // Along the measured motion, friction at the ends of an oscillation is wrong: step 3 may have
     // left the optimum from which it started.
     if (given && structure.modes > 0) {
-      const Point& from = options.from.front();
-      auto direct = output_error(segments, structure, model_of(from, data.solve(from).linear),
+      std::vector<std::optional<OutputErrorFit>> direct(options.from.size());
+      in_parallel(direct.size(), [&](std::size_t i) {
+        const Point& from = options.from[i];
+        direct[i] = output_error(segments, structure, model_of(from, data.solve(from).linear),
                                  {encoder_step});
-      if (direct && (!polished || direct->minus_log_likelihood < polished->minus_log_likelihood))
-        polished = std::move(direct);
+      });
+      for (auto& one : direct) {
+        if (one && (!polished || one->minus_log_likelihood < polished->minus_log_likelihood))
+          polished = std::move(one);
+      }
     }
     // With a coarse encoder there are several optima: the most probable one is kept.
     if (polished && polished->sigma < kMaxDeviationOverStep * encoder_step) {

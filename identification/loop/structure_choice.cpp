@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <tuple>
 
+#include "identification/loop/free_elements.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/message.h"
 #include "identification/loop/moving_modes.h"
@@ -25,16 +26,10 @@ constexpr double kMaxRmsRatioToAccept = 0.97;
 // The same for a mode or a coupled axis, which have five or six parameters each. Without any mode
 // an improvement of 7 % was observed (EMPS), with a two-mass axis driven by another one 15 %.
 constexpr double kMaxRmsRatioForMode = 0.9;
-// The same for modes that change with position and for friction with free elements, which have more
-// parameters still.
-constexpr double kMaxRmsRatioForRichModel = 0.85;
 // The same for a filter of the control, with six parameters. A swinging load, whose force two poles
 // cannot be, was followed to 0.3 with the damping at its bound, EMPS to 0.94.
 constexpr double kMaxRmsRatioForFilter = 0.7;
 constexpr double kMaxFrequencyOfRate = 0.3;  // of a start: faster poles are not seen in the samples
-// A friction law with free elements, and the loop of the other order, are tried only if the
-// residual RMS exceeds this multiple of the noise floor.
-constexpr double kMinRmsOverFloorToGoOn = 2.0;
 // A loop in which zeros in the right half plane account for more than this share of the lag
 // imitates a delay.
 constexpr double kMaxLagShareOfUnstableZeros = 0.5;
@@ -201,24 +196,16 @@ std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stoo
   return out;
 }
 
-/// The start of a search for friction with free elements: the fit so far, with the elements spread
-/// over the travel after which its friction law slides.
-Point with_free_elements(Point point, const Structure& structure, std::size_t place) {
+/// The fit so far as a start of a search for friction with free elements.
+Point with_free_elements(Point point, const Structure& structure, std::size_t place, double form) {
   std::ptrdiff_t before = 0;
   for (std::size_t i = 0; i < place; ++i)
     before += static_cast<std::ptrdiff_t>(shapes_of(structure.effects[i]).size());
   const std::size_t law = structure.effects[place];
   const auto at = point.shapes.begin() + before;
-  std::vector<double> elements;
-  double reach = 1.0;
-  for (const Parameter& p : shapes_of(kind_of<MaxwellSlip>())) {
-    elements.push_back(p.start);
-    if (elements.size() > 1) reach *= p.start;
-  }
-  if (law == kind_of<Presliding>() || law == kind_of<PreslidingStribeck>())
-    elements.front() = std::max(shapes_of(kind_of<MaxwellSlip>()).front().lower, *at / reach);
+  const auto shapes = free_elements(law, &*at, form).shapes;
   const auto rest = point.shapes.erase(at, at + static_cast<std::ptrdiff_t>(shapes_of(law).size()));
-  point.shapes.insert(rest, elements.begin(), elements.end());
+  point.shapes.insert(rest, shapes.begin(), shapes.end());
   return point;
 }
 
@@ -537,7 +524,8 @@ class StructureChoice {
     free.effects[place_] = kind_of<MaxwellSlip>();
     if (coupling_) free.effects.push_back(*coupling_);
     PoleSearchOptions near = search_;
-    near.from = {with_free_elements(out_.from.front(), structure, place_)};
+    for (const double form : kFormsOfFreeElements)
+      near.from.push_back(with_free_elements(out_.from.front(), structure, place_, form));
     StructureTrial trial{free.order, free.effects, kAbsent, false, free.modes, kNoFit};
     const auto fit = joint_fit(fitted_, free, near, encoder_step_, true);
     if (fit) trial.ruled_out = why_invalid(fit->model);

@@ -11,6 +11,13 @@
 
 namespace servotwin {
 
+/// A friction law with free elements, and the loop of the other order, are tried only if the
+/// residual RMS exceeds this multiple of the noise floor.
+inline constexpr double kMinRmsOverFloorToGoOn = 2.0;
+/// Validation RMS of friction with free elements, or of modes that change with position, over that
+/// of the model before, at most, to accept it: they have six to nine parameters more.
+inline constexpr double kMaxRmsRatioForRichModel = 0.85;
+
 struct ChosenStructure {
   Structure structure;
   /// The end point of the chosen fit, if it contains modes or another axis: a new search might miss

@@ -3,12 +3,17 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <stdexcept>
+#include <vector>
 
 #include "identification/least_squares/parallel.h"
+#include "identification/loop/free_elements.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/message.h"
 #include "identification/loop/output_error.h"
+#include "identification/loop/structure_choice.h"
+#include "identification/recording/noise_floor.h"
 #include "twin/twin.h"
 #include "twin/two_mass_axis.h"
 
@@ -23,6 +28,7 @@ constexpr double kFittedShare = 2.0 / 3.0;
 constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
 // RMS over that of the law before, at most, to choose another law of friction.
 constexpr double kMaxRmsRatioOfLaw = 0.97;
+constexpr std::size_t kFreeElements = kind_of<MaxwellSlip>();
 
 /// Whether frequency and share of the load are within their bounds, and not at them.
 bool determined(const Model& model) {
@@ -37,6 +43,45 @@ bool determined(const Model& model) {
   }
   return true;
 }
+
+bool less_left(const TwoMassFit& l, const TwoMassFit& r) { return l.rms < r.rms; }
+
+/// Two masses that are compared, each fitted to the same data.
+struct Candidates {
+  const std::vector<Segment>& fitted;
+  double encoder_step = 0.0;
+  std::vector<TwoMassFit> all;
+
+  void add_fitted(const std::vector<TwoMassFit>& starts) {
+    std::vector<std::optional<TwoMassFit>> fits(starts.size());
+    in_parallel(fits.size(), [&](std::size_t i) {
+      fits[i] = refined(starts[i], fitted, encoder_step, kFitRounds, kFitPasses);
+    });
+    for (const auto& fit : fits) {
+      if (fit && determined(fit->model)) all.push_back(without_empty_gap(*fit));
+    }
+  }
+  void add_with_laws(const TwoMassFit& fit, std::span<const std::size_t> laws) {
+    std::vector<TwoMassFit> starts;
+    for (const std::size_t law : laws) {
+      if (const auto one = with_law(fit, law)) starts.push_back(*one);
+    }
+    add_fitted(starts);
+  }
+  /// The best of its starts.
+  void add_with_free_elements(const TwoMassFit& fit) {
+    std::vector<TwoMassFit> starts;
+    for (const double form : kFormsOfFreeElements) {
+      if (const auto one = with_law(fit, kFreeElements, form)) starts.push_back(*one);
+    }
+    const auto before = std::ssize(all);
+    add_fitted(starts);
+    const auto first = all.begin() + before;
+    if (first == all.end()) return;
+    std::iter_swap(first, std::min_element(first, all.end(), less_left));
+    all.erase(first + 1, all.end());
+  }
+};
 
 }  // namespace
 
@@ -57,7 +102,9 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
   else
     kinds.insert(kinds.begin(), {kind_of<TwoMassMotorEncoder>(), kind_of<PlayMotorEncoder>()});
   std::optional<JointFit> rigid;
-  std::vector<TwoMassFit> all;
+  Candidates candidates{fitted, encoder_step, {}};
+  std::vector<TwoMassFit>& all = candidates.all;
+  bool found_two = false;
   // A rigid loop takes over a part of the vibration, with an integrator that the drive need not
   // have: the other order is tried as well.
   for (const int order : {structure.order, structure.order == 2 ? 3 : 2}) {
@@ -73,19 +120,29 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
                                              encoder_step, determined)
                             : std::nullopt;
     if (!found) continue;
+    found_two = true;
     const TwoMassFit first = without_empty_gap(*found);
-    all.push_back(first);
-    if (options.friction) continue;
-    std::array<std::optional<TwoMassFit>, kLawsOnLoad.size()> others;
-    in_parallel(others.size(), [&](std::size_t i) {
-      if (const auto other = with_law(first, kLawsOnLoad[i]))
-        others[i] = refined(*other, fitted, encoder_step, kFitRounds, kFitPasses);
-    });
-    for (const auto& other : others) {
-      if (other && determined(other->model)) all.push_back(without_empty_gap(*other));
-    }
+    const std::size_t law = options.friction.value_or(law_of(first.structure));
+    if (law == law_of(first.structure)) all.push_back(first);
+    if (!options.friction)
+      candidates.add_with_laws(first, kLawsOnLoad);
+    else if (law == law_of(first.structure))
+      continue;
+    else if (law == kFreeElements)
+      candidates.add_with_free_elements(first);
+    else
+      candidates.add_with_laws(first, std::array{law});
   }
+  // As beside modes: where much is left, the law of friction may have another virgin curve.
+  const auto best = std::min_element(all.begin(), all.end(), less_left);
+  if (options.friction.value_or(kFreeElements) == kFreeElements && best != all.end() &&
+      best->rms > kMinRmsOverFloorToGoOn * noise_floor(training).rms)
+    candidates.add_with_free_elements(TwoMassFit(*best));  // a copy: `all` grows
   if (all.empty()) {
+    if (options.masses == Masses::kTwo && found_two)
+      throw std::runtime_error(
+          message(axis, ": two masses are found, but ", identity_of(*options.friction).id,
+                  " has no valid fit beside them; choose another friction model, or none"));
     if (options.masses == Masses::kTwo)
       throw std::runtime_error(axis +
                                ": the training data do not determine two masses; identify a rigid "
@@ -101,7 +158,9 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
   double least = 0.0;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const double rms = judge(all[i].model, validation, skip_s).rms;
-    if (i == 0 || rms < kMaxRmsRatioOfLaw * least) chosen = i, least = rms;
+    const double most =
+        law_of(all[i].structure) == kFreeElements ? kMaxRmsRatioForRichModel : kMaxRmsRatioOfLaw;
+    if (i == 0 || rms < most * least) chosen = i, least = rms;
     trials.push_back({all[i].structure.order, all[i].structure.effects, rms, false, 0, "", false});
   }
   if (options.masses == Masses::kChosen && !(least < kMaxRmsRatioOfTwoMasses * of_rigid)) {

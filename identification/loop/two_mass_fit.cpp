@@ -8,6 +8,7 @@
 
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/parallel.h"
+#include "identification/loop/free_elements.h"
 #include "identification/loop/gap_scan.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/output_error.h"
@@ -45,9 +46,8 @@ constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
 constexpr int kMaxSeekSimulations = 400;
 constexpr double kSeekStep = 0.1;        // the first one, of the logarithm of a parameter
 constexpr double kSeekTolerance = 1e-5;  // of the RMS
-// Difference of log likelihoods up to which chance decides: what an information criterion charges a
-// parameter.
-constexpr double kMinEvidence = 1.0;
+// Difference of log likelihoods up to which chance decides: odds of 20 to 1.
+constexpr double kMinEvidence = 3.0;
 constexpr double kMaxStartShare = 0.9;  // of load and friction on it, away from their bounds
 
 struct Start {
@@ -203,6 +203,17 @@ Effect with_law(const Effect& old, std::size_t law) {
   return out;
 }
 
+/// Friction of free elements, with the level and travel of the old one.
+Effect with_free_elements(const Effect& old, double form) {
+  const FreeElements elements = free_elements(old.kind, old.shape.data(), form);
+  Effect out;
+  out.kind = kind_of<MaxwellSlip>();
+  std::copy(elements.shapes.begin(), elements.shapes.end(), out.shape.begin());
+  for (std::size_t i = 0; i < elements.levels.size(); ++i)
+    out.coefficient[i] = level_of(old) * elements.levels[i];
+  return out;
+}
+
 /// A spring of each of these kinds, by which the loop is closed or which encoder is recorded, and
 /// the same with Coulomb friction where the rigid axis has another law: that was fitted as if there
 /// were no spring.
@@ -271,12 +282,13 @@ std::optional<TwoMassFit> refined(TwoMassFit fit, const std::vector<Segment>& se
   return fit;
 }
 
-std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law) {
+std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law, double form) {
   const auto is_law = [](const Effect& effect) { return is_friction_law(effect.kind); };
   const auto at = std::find_if(fit.model.effects.begin(), fit.model.effects.end(), is_law);
-  if (at == fit.model.effects.end() || at->kind == law) return std::nullopt;
+  const bool is_free = law == kind_of<MaxwellSlip>();
+  if (at == fit.model.effects.end() || (at->kind == law && !is_free)) return std::nullopt;
   fit.structure.effects[static_cast<std::size_t>(at - fit.model.effects.begin())] = law;
-  *at = with_law(*at, law);
+  *at = is_free ? with_free_elements(*at, form) : with_law(*at, law);
   return fit;
 }
 

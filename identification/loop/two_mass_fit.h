@@ -12,6 +12,7 @@
 #include <optional>
 #include <vector>
 
+#include "identification/loop/free_elements.h"
 #include "identification/loop/projection.h"
 #include "twin/model.h"
 #include "twin/sample.h"
@@ -45,8 +46,10 @@ inline constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
                                         kind_of<PreslidingStribeck>()};
 
 /// The same two masses with another law of friction, from its level and travel, not fitted again
-/// (`rms` is that of the old law); nothing if it is that law already.
-[[nodiscard]] std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law);
+/// (`rms` is that of the old law); nothing if it is that law already. `form`: of free elements
+/// (free_elements.h), which may begin again from such elements.
+[[nodiscard]] std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law,
+                                                 double form = kFormsOfFreeElements[1]);
 
 /// Fitted to the segments in free simulation from where it is, in at most so many rounds a pass
 /// (fewer with play, output_error.h); the effects in these places are held. Nothing without a valid

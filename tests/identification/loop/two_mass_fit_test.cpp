@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <optional>
+
 #include "drivers/recordings/recording_file.h"
 #include "identification/loop/identify.h"
 #include "tests/hidden_effects/cases.h"
@@ -12,7 +14,8 @@
 namespace servotwin {
 namespace {
 
-Identified identified(const hidden_effects::Case& machine, Masses masses, bool beyond_loop = true) {
+Identified identified(const hidden_effects::Case& machine, Masses masses, bool beyond_loop = true,
+                      std::optional<std::size_t> friction = {}) {
   const test::TemporaryDirectory directory;
   const SegmentedAxis axis =
       segment_axis(read_recording(directory.file("recording.csv", machine.csv)), "X");
@@ -20,6 +23,7 @@ Identified identified(const hidden_effects::Case& machine, Masses masses, bool b
   options.method = Method::kJoint;
   options.masses = masses;
   options.beyond_loop = beyond_loop;
+  options.friction = friction;
   return identify(axis, options);
 }
 
@@ -46,6 +50,17 @@ TEST(LongTwoMasses, AreChosenWhereThereAreTwoAndOnlyThere) {
   const hidden_effects::Case clean = hidden_effects::clean_case(hidden_effects::Part::kDev, 0);
   EXPECT_NE(two_mass_of(identified(soft, Masses::kChosen).record.model), nullptr);
   EXPECT_EQ(two_mass_of(identified(clean, Masses::kChosen).record.model), nullptr);
+}
+
+// The spring is sought beside Coulomb friction as well, which may fit better.
+TEST(LongTwoMasses, HaveTheLawOfFrictionThatIsAskedFor) {
+  const hidden_effects::Case machine = hidden_effects::single_case(
+      hidden_effects::Part::kDev, "compliance", hidden_effects::Class::kClear, 43);
+  for (const std::size_t law : {kind_of<Presliding>(), kind_of<MaxwellSlip>()}) {
+    const Identified two = identified(machine, Masses::kTwo, true, law);
+    EXPECT_NE(two_mass_of(two.record.model), nullptr);
+    EXPECT_NE(two.record.model.find(law), nullptr) << identity_of(law).id;
+  }
 }
 
 TEST(TwoMasses, AreRefusedBesideWhatTheyAreNotFittedWith) {
