@@ -26,12 +26,16 @@ namespace {
 constexpr double kStep_s = 2e-3;  // of the data: the filters are exact at any step
 // Of the grid: how much faster than the rigid fit, which has taken over a part of the vibration,
 // the loop may be; frequencies; shares of the load.
-constexpr std::array kFasterLoops{1.0, 1.7, 3.0};
+struct FasterLoop {
+  double gain, position;
+};
+constexpr std::array kFasterLoops{FasterLoop{1.0, 1.0}, FasterLoop{1.7, 1.7}, FasterLoop{3.0, 3.0},
+                                  FasterLoop{6.0, 2.5}};
 constexpr std::array kSprings_hz{6.0, 10.0, 16.0, 25.0, 40.0, 63.0, 100.0, 160.0};
 constexpr std::array kLoadShares{0.25, 0.5, 0.75};
 constexpr std::size_t kRefinedStarts = 6;
-constexpr int kRefineRounds = 25;
-constexpr double kRefineTolerance = 1e-4;  // of the cost
+constexpr int kRefineRounds = 40;
+constexpr double kRefineTolerance = 1e-5;  // of the cost
 constexpr double kApartStarts = 0.3;       // nearer ones lead to one optimum
 constexpr double kMaxFrequency = 0.3;      // of a spring, of the rate of the thinned data
 constexpr double kFrictionShare = 0.9;     // on the load: within its bounds
@@ -535,14 +539,14 @@ std::optional<TwoMassStart> two_mass_start(const std::vector<Segment>& segments,
   box.lower[kMasses] = std::log(shapes[2].lower / (1.0 - shapes[2].lower));
   box.upper[kMasses] = std::log(shapes[2].upper / (1.0 - shapes[2].upper));
   std::vector<Found> grid;
-  for (const double faster : kFasterLoops) {
+  for (const FasterLoop& faster : kFasterLoops) {
     for (const double frequency_hz : kSprings_hz) {
       if (frequency_hz > fastest_hz) continue;
       for (const double share : kLoadShares) {
         Found one{at_rigid};
-        one.x[kGain] += std::log(faster);
-        one.x[kPosition] += std::log(faster);
-        if (integral) one.x[kResets] += std::log(faster);
+        one.x[kGain] += std::log(faster.gain);
+        one.x[kPosition] += std::log(faster.position);
+        if (integral) one.x[kResets] += std::log(faster.position);
         one.x[kFrequency] = std::log(frequency_hz);
         one.x[kMasses] = std::log(share / (1.0 - share));
         grid.push_back(one);
