@@ -188,7 +188,8 @@ void MachineService::run() {
 
   std::jthread publishing([this](const std::stop_token& stop) {
     name_thread("publisher");
-    // Predictions must be sent in time. If this is not permitted, the loop reports it for both.
+    // Predictions must be sent in time. What is not permitted, the loop reports for both.
+    (void)keep_to(base_.config.cpus);
     (void)become_real_time(std::max(base_.config.priority - 1, 0));
     publisher_.run(stop);
   });

@@ -174,11 +174,17 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   if (!store.noted().empty()) events.note("store", "", store.noted());
   if (const std::string known = known_axes(store); !known.empty())
     events.note("store", "", "axes in the store: " + known);
-  const DdsNode node(place_of(config, config.dds));
-  std::optional<DdsNode> apart;  // used if the frames have a DDS domain or partition of their own
-  if (config.uses(SourceKind::kDds) && config.dds_in)
-    apart.emplace(place_of(config, *config.dds_in));
-  const DdsNode& node_in = apart ? *apart : node;
+  // Frames may have a DDS domain or partition of their own.
+  std::optional<DdsNode> common, of_frames;
+  {
+    // Where a frame wakes the receiving thread, the loop and the publisher on one processor, none
+    // of them waits until another processor has left its idle state.
+    const WhileKeptTo beside_the_loop(config.cpus);
+    common.emplace(place_of(config, config.dds));
+    if (config.uses(SourceKind::kDds) && config.dds_in)
+      of_frames.emplace(place_of(config, *config.dds_in));
+  }
+  const DdsNode &node = *common, &node_in = of_frames ? *of_frames : node;
   const std::unique_ptr<WebService> web = page_of(config, store, events);
   // Lives as long as the daemon: the sender of a description waits for a matching reader.
   DdsReader<MachineDescription> descriptions(node_in);

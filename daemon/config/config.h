@@ -140,7 +140,7 @@ struct Config {
   StoreConfig store;
   HttpConfig http;
   int priority = 80;      ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
-  std::vector<int> cpus;  ///< processors that the real-time loop may use; empty: all
+  std::vector<int> cpus;  ///< processors of the loop, the publisher and DDS; empty: all
   std::map<std::string, std::string> given;  ///< the keys of the file and their values as text
 
   [[nodiscard]] bool uses(SourceKind kind) const noexcept {

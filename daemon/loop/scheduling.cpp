@@ -45,8 +45,18 @@ std::string keep_to(const std::vector<int>& cpus) {
                            : "real_time.cpus = [" + list + "]: there is no processor " +
                                  std::to_string(missing.front()) + " on this host";
   }
-  return "the real-time loop runs on any processor: real_time.cpus = [" + list +
+  return "loop, publisher and DDS run on any processor: real_time.cpus = [" + list +
          "]: " + std::strerror(error) + "; /proc/self/status names those that are allowed";
+}
+
+WhileKeptTo::WhileKeptTo(const std::vector<int>& cpus) {
+  if (cpus.empty() || pthread_getaffinity_np(pthread_self(), sizeof before_, &before_) != 0) return;
+  kept_ = true;  // by some of them, if not by all
+  (void)keep_to(cpus);
+}
+
+WhileKeptTo::~WhileKeptTo() {
+  if (kept_) (void)pthread_setaffinity_np(pthread_self(), sizeof before_, &before_);
 }
 
 std::vector<int> missing_processors(const std::vector<int>& cpus) {

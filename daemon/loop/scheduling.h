@@ -4,6 +4,7 @@
 #pragma once
 
 #include <pthread.h>
+#include <sched.h>
 
 #include <string>
 #include <vector>
@@ -17,6 +18,20 @@ namespace servotwin::daemon {
 [[nodiscard]] std::string real_time_refused(int priority);
 /// Runs only on these processors; an empty list: on all.
 [[nodiscard]] std::string keep_to(const std::vector<int>& cpus);
+/// While it lives, the calling thread runs only on these processors, and so do the threads that it
+/// begins: for as long as they live. An empty list, one that is not allowed, or processors that are
+/// not known: nothing changes.
+class WhileKeptTo {
+ public:
+  explicit WhileKeptTo(const std::vector<int>& cpus);
+  WhileKeptTo(const WhileKeptTo&) = delete;
+  WhileKeptTo& operator=(const WhileKeptTo&) = delete;
+  ~WhileKeptTo();
+
+ private:
+  cpu_set_t before_{};
+  bool kept_ = false;
+};
 /// Those of these processors that this host does not have.
 [[nodiscard]] std::vector<int> missing_processors(const std::vector<int>& cpus);
 /// Switches to SCHED_IDLE: the thread runs only when no other thread needs the processor.

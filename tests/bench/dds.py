@@ -78,8 +78,9 @@ def costs(pid, cycles):
     return out
 
 
-def through_the_daemon(build, scratch, domain, load, seconds, core=None):
-    """The figures of bench_dds; with `core`, the daemon alone there and the machine elsewhere."""
+def through_the_daemon(build, scratch, domain, load, seconds, core=None, cpus=None):
+    """The figures of bench_dds; with `core`, the daemon alone there and the machine elsewhere; with
+    `cpus`, what a frame wakes in the daemon is kept to them (real_time.cpus)."""
     store, log = scratch / "store", scratch / "servotwind.log"
     shutil.rmtree(store, ignore_errors=True)
     output_of(build / "bench_dds", "prepare", store, load.axes, load.hz)
@@ -89,9 +90,14 @@ def through_the_daemon(build, scratch, domain, load, seconds, core=None):
         others = os.sched_getaffinity(0) - {core} or {core}
         here = ("taskset", "-c", str(core))
         there = ("taskset", "-c", ",".join(map(str, sorted(others))))
+    config = ()
+    if cpus is not None:
+        file = scratch / "bench.toml"
+        file.write_text(f"[real_time]\ncpus = {list(cpus)}\n", encoding="utf-8")
+        config = ("--config", file)
     with open(log, "w", encoding="utf-8") as errors:
         daemon = subprocess.Popen(
-            [*here, build / "servotwind", "--store", store, "--machine", "bench"]
+            [*here, build / "servotwind", *config, "--store", store, "--machine", "bench"]
             + ["--domain", str(domain), "--http", "127.0.0.1:0"],
             stderr=errors,
             env=environment,
@@ -187,6 +193,15 @@ def beside_ddsperf(build, scratch, load=Load(), seconds=SECONDS):
     print("  answers in the receiving thread; with waitsets in a thread of its own, on both sides:")
     print("  as many changes of thread as ours (aim: 1.5).")
     loop = whole["daemon"]
+    kept = through_the_daemon(build, scratch, domain, load, seconds, cpus=[CORE])
+    its = per_second(kept["seconds"])
+    print(
+        f"  With real_time.cpus = [{CORE}]: p50 {its['p50_us']:.1f}, p99 {its['p99_us']:.1f} us;"
+        f" {its['p50_us'] / direct['p50_us']:.2f}, {its['p99_us'] / direct['p99_us']:.2f} times"
+        f" ddsperf, {its['p50_us'] / threaded['p50_us']:.2f},"
+        f" {its['p99_us'] / threaded['p99_us']:.2f} times with waitsets; p99.9"
+        f" {kept['p999_us']:.1f}, max {kept['max_us']:.1f} us; lost {kept['lost']}."
+    )
     print(
         f"  servotwin, all {whole['sent']} round trips: p50 {whole['p50_us']:.1f},"
         f" p99 {whole['p99_us']:.1f}, p99.9 {whole['p999_us']:.1f}, max {whole['max_us']:.1f} us;"
@@ -204,6 +219,7 @@ def beside_ddsperf(build, scratch, load=Load(), seconds=SECONDS):
     return {
         "load": load._asdict(),
         "servotwin": {**whole, "per_second": ours},
+        "servotwin_kept": {**kept, "per_second": its},
         "ddsperf": direct,
         "ddsperf_waitset": threaded,
     }

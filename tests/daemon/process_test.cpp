@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <poll.h>
+#include <sched.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
@@ -11,9 +12,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <map>
 #include <random>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "daemon/store/store.h"
@@ -233,6 +239,57 @@ TEST_F(ServotwindTest, AModelThatCannotBeUsedIsSaidAndTheOneBeforeIsInForce) {
   const Ended ended = daemon.wait_after(SIGTERM);
   EXPECT_EQ(ended.status, 0);
   EXPECT_THAT(ended.said, HasSubstr("version 1 is in force"));
+}
+
+/// By the name of each thread of a process, the processors that it may use.
+std::map<std::string, std::string> processors_of_threads(pid_t process) {
+  std::map<std::string, std::string> out;
+  const std::string tasks = "/proc/" + std::to_string(process) + "/task";
+  for (const auto& thread : std::filesystem::directory_iterator(tasks)) {
+    std::ifstream status(thread.path() / "status");
+    std::string name;
+    for (std::string line; std::getline(status, line);) {
+      const std::string value = line.substr(std::min(line.find('\t') + 1, line.size()));
+      if (line.starts_with("Name:")) name = value;
+      if (line.starts_with("Cpus_allowed_list:")) out[name] = value;
+    }
+  }
+  return out;
+}
+
+TEST_F(ServotwindTest, WhatAFrameWakesKeepsToTheProcessorsAskedFor) {
+  cpu_set_t allowed;
+  ASSERT_EQ(sched_getaffinity(0, sizeof allowed, &allowed), 0);
+  std::size_t cpu = 0;
+  while (!CPU_ISSET(cpu, &allowed)) ++cpu;
+  const std::string asked = std::to_string(cpu);
+  const std::string file =
+      write("m.toml", "[machine]\nname = \"process-" + std::to_string(getpid()) +
+                          "\"\n[[axis]]\nname = \"X\"\nsource = \"dds\"\n[dds]\ndomain = 94\n"
+                          "[http]\nlisten = \"none\"\n[real_time]\ncpus = [" +
+                          asked + "]\n[store]\ndirectory = \"" +
+                          (directory_.path() / "store").string() + "\"\n");
+  Daemon daemon({"--config", file});
+  std::map<std::string, std::string> threads;
+  for (int tenths = 0; tenths < static_cast<int>(10 * test::kPatience_s); ++tenths) {
+    threads = processors_of_threads(daemon.id());
+    if (threads["real-time loop"] == asked && threads["publisher"] == asked &&
+        !threads["recorder"].empty())
+      break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  EXPECT_EQ(threads["real-time loop"], asked) << daemon.said();
+  EXPECT_EQ(threads["publisher"], asked);
+  EXPECT_EQ(threads["tev"], asked);
+  int receiving = 0;
+  for (const auto& [name, processors] : threads) {
+    if (!name.starts_with("recv")) continue;
+    ++receiving;
+    EXPECT_EQ(processors, asked) << name;
+  }
+  EXPECT_GT(receiving, 0);
+  // All others may use what the process may.
+  EXPECT_EQ(threads["recorder"], processors_of_threads(getpid()).begin()->second);
 }
 
 TEST_F(ServotwindTest, StopsCleanlyWhenAskedToAndIgnoresAHangup) {
