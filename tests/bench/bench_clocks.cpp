@@ -1,12 +1,13 @@
 // Two sources whose clocks differ, joined by the real daemon: how well, how late, what is lost.
 //
-//   bench_clocks SERVOTWIND SECONDS PPM [INTERFACE]
+//   bench_clocks SERVOTWIND SECONDS PPM [INTERFACE [CYCLE_S]]
 //
-// Commands come over DDS at 1 kHz by a clock that is an hour ahead and gains PPM microseconds a
-// second on this host's, the encoder in CAN over UDP, or on INTERFACE, 0.37 cycles later and at 1
-// kHz of this host. The encoder stands where the command is at the same moment, so that what the
-// daemon records as their difference, over the speed, is the error of the alignment. Prints one
-// JSON object; "commands_alone" is the same daemon with the commands only, right afterwards.
+// Commands come over DDS in this cycle (0.001 s) by a clock that is an hour ahead and gains PPM
+// microseconds a second on this host's, the encoder in CAN over UDP, or on INTERFACE, 0.37 ms later
+// and in the same cycle of this host. The encoder stands where the command is at the same moment,
+// so that what the daemon records as their difference, over the speed, is the error of the
+// alignment. Prints one JSON object; "commands_alone" is the same daemon with the commands only,
+// right afterwards.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -68,10 +69,10 @@ class Latencies {
 };
 
 nlohmann::json run(const std::string& servotwind, double seconds, double ppm,
-                   const std::string& interface, bool joined) {
+                   const std::string& interface, const std::string& cycle_s, bool joined) {
   const test::TemporaryDirectory directory;
   const int port = test::free_port();
-  const auto map_file = directory.file("map.toml", TwoClockMachine::kMap);
+  const auto map_file = directory.file("map.toml", TwoClockMachine::map_with(cycle_s));
   const std::string listen = "127.0.0.1:" + std::to_string(port),
                     kind = interface.empty() ? "udp" : "can",
                     source = interface.empty()
@@ -79,12 +80,12 @@ nlohmann::json run(const std::string& servotwind, double seconds, double ppm,
                                  : "[source.can]\nmap = \"map.toml\"\ninterfaces = [\"" +
                                        interface + "\"]\n";
   const auto config = directory.file(
-      "m.toml",
-      "[machine]\nname = \"clocks\"\ncycle_s = 0.001\n[[axis]]\nname = \"X\"\n"
-      "source = \"dds\"\n" +
-          (joined ? "encoder = \"" + kind + "\"\n" + source : std::string()) +
-          "[dds]\ndomain = " + std::to_string(kDomain) + "\n[store]\ndirectory = \"" +
-          (directory.path() / "store").string() + "\"\n[http]\nlisten = \"none\"\n");
+      "m.toml", "[machine]\nname = \"clocks\"\ncycle_s = " + cycle_s +
+                    "\n[[axis]]\nname = \"X\"\n"
+                    "source = \"dds\"\n" +
+                    (joined ? "encoder = \"" + kind + "\"\n" + source : std::string()) +
+                    "[dds]\ndomain = " + std::to_string(kDomain) + "\n[store]\ndirectory = \"" +
+                    (directory.path() / "store").string() + "\"\n[http]\nlisten = \"none\"\n");
   test::Process daemon({servotwind, "--config", config.string()});
   DdsPlace place;
   place.domain = kDomain;
@@ -134,21 +135,22 @@ nlohmann::json run(const std::string& servotwind, double seconds, double ppm,
             {"max_about_it", quantile(off, 1.0)}}},
           {"prediction_us", {{"p50", quantile(late_us, 0.5)}, {"p99", quantile(late_us, 0.99)}}},
           {"sent_late", machine.late()},
+          {"encoder_sent_late_us", 1e6 * machine.encoder_late_s()},
           {"said", clock_line.substr(0, clock_line.find('\n'))}};
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 4 && argc != 5) {
-    std::fprintf(stderr, "usage: bench_clocks SERVOTWIND SECONDS PPM [INTERFACE]\n");
+  if (argc < 4 || argc > 6) {
+    std::fprintf(stderr, "usage: bench_clocks SERVOTWIND SECONDS PPM [INTERFACE [CYCLE_S]]\n");
     return 2;
   }
   try {
     const double seconds = std::atof(argv[2]), ppm = std::atof(argv[3]);
-    const std::string interface = argc == 5 ? argv[4] : "";
-    nlohmann::json out{{"joined", run(argv[1], seconds, ppm, interface, true)},
-                       {"commands_alone", run(argv[1], seconds, ppm, interface, false)}};
+    const std::string interface = argc > 4 ? argv[4] : "", cycle_s = argc > 5 ? argv[5] : "0.001";
+    nlohmann::json out{{"joined", run(argv[1], seconds, ppm, interface, cycle_s, true)},
+                       {"commands_alone", run(argv[1], seconds, ppm, interface, cycle_s, false)}};
     out["commands_alone"].erase("alignment_us");
     out["commands_alone"].erase("said");
     std::printf("%s\n", out.dump(2).c_str());

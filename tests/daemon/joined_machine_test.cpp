@@ -32,7 +32,7 @@ nlohmann::json clocks_at(int port) {
 TEST(JoinedMachine, CommandsByDdsAndTheEncoderByCanAreOneMachine) {
   const test::TemporaryDirectory directory;
   const int can_port = test::free_port(), http_port = test::free_port();
-  const auto map_file = directory.file("map.toml", TwoClockMachine::kMap);
+  const auto map_file = directory.file("map.toml", TwoClockMachine::map_with("0.001"));
   const std::string machine = "joined-" + std::to_string(getpid());
   const auto config = directory.file(
       "m.toml",

@@ -46,6 +46,8 @@ void check(const Rig& rig) {
   require(rig.body.motor_share > 0.0 && rig.body.motor_share < 1.0, "motor_share",
           rig.body.motor_share, "between 0 and 1");
   require(rig.friction.level >= 0.0, "level", rig.friction.level, "at least 0");
+  require(rig.friction.motor_share >= 0.0 && rig.friction.motor_share <= 1.0,
+          "friction.motor_share", rig.friction.motor_share, "between 0 and 1");
   require(rig.body.gap >= 0.0, "gap", rig.body.gap, "at least 0");
   require(rig.body.gap == 0.0 || rig.body.spring_frequency_hz > 0.0, "gap", rig.body.gap,
           "0 on a rigid axis");
@@ -132,6 +134,13 @@ class FrictionState {
   double time_ = 0.0, rest_ = 0.0, from_rest_ = 0.0, extra_ = 0.0;
 };
 
+/// Of a friction, this share of its level, and `viscous` of what is viscous.
+Friction part_of(Friction f, double level, double viscous) {
+  for (double* part : {&f.level, &f.added_level, &f.dwell_growth}) *part *= level;
+  for (double* part : {&f.viscous, &f.added_viscous}) *part *= viscous;
+  return f;
+}
+
 struct Mass {
   double x = 0.0, v = 0.0, a = 0.0;
 
@@ -147,7 +156,10 @@ struct Mass {
 class Plant {
  public:
   Plant(const Rig& rig, double start)
-      : body_(rig.body), friction_(rig.friction), viscous_(rig.friction.viscous) {
+      : body_(rig.body),
+        friction_(part_of(rig.friction, 1.0 - on_motor(rig), 1.0)),
+        motor_friction_(part_of(rig.friction, on_motor(rig), 0.0)),
+        viscous_(rig.friction.viscous) {
     rigid_ = body_.spring_frequency_hz == 0.0;
     const double table = body_.mass * (1.0 - body_.motor_share);
     const double omega = 2.0 * std::numbers::pi * body_.spring_frequency_hz;
@@ -181,11 +193,13 @@ class Plant {
     motor.drift();
     load.drift();
     friction_.advance(load.v);
+    motor_friction_.advance(motor.v);
     const double contact = contact_force();
     // Half of the viscous friction acts on motor and screw.
     const double half = 0.5 * viscous_;
-    motor.a =
-        (force + cogging(motor.x) - half * motor.v - contact) / (body_.mass * body_.motor_share);
+    motor.a = (force + cogging(motor.x) - half * motor.v - contact -
+               motor_friction_.force(motor.x, motor.v)) /
+              (body_.mass * body_.motor_share);
     load.a = (contact + external - body_.constant_force + half * load.v -
               friction_.force(load.x, load.v)) /
              (body_.mass * (1.0 - body_.motor_share));
@@ -214,8 +228,12 @@ class Plant {
     return 0.0;
   }
 
+  static double on_motor(const Rig& rig) {
+    return rig.body.spring_frequency_hz == 0.0 ? 0.0 : rig.friction.motor_share;
+  }
+
   Body body_;
-  FrictionState friction_;
+  FrictionState friction_, motor_friction_;  // of the load, or of the one body
   double viscous_ = 0.0;
   bool rigid_ = true, heavier_ = false;
   double stiffness_ = 0.0, damping_ = 0.0;

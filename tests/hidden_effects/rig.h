@@ -1,8 +1,8 @@
 // A feed axis with hidden effects: motor and table connected by a spring with backlash, friction,
 // cascade control.
 //
-//   m1 x1'' = u - B x1' / 2 + cogging(x1) - c                  motor side
-//   m2 x2'' = c - B x2' / 2 - F(x2, x2') - F0 + d(t)           table
+//   m1 x1'' = u - B x1' / 2 + cogging(x1) - c - s F(x1, x1')   motor side, s: motor_share of F
+//   m2 x2'' = c - B x2' / 2 - (1 - s) F(x2, x2') - F0 + d(t)   table
 //   c       = k s + k_d (x1' - x2') while in contact,   s: x1 - x2 beyond +-gap/2
 //
 // A spring_frequency_hz of 0 makes them one body, x1 = x2. Friction is F = L phi, phi the unit
@@ -49,6 +49,7 @@ struct Friction {
   enum class Family { kCoulomb, kMaxwell, kLuGre };
   Family family = Family::kCoulomb;
   double level = 0.0;                 ///< [N]
+  double motor_share = 0.0;           ///< of the level, on the motor; a rigid axis has one body
   double viscous = 0.0;               ///< B [N s/m]
   double saturation_velocity = 5e-4;  ///< kCoulomb [m/s]
   double presliding_distance = 2e-5;  ///< kMaxwell: all slides from here on; kLuGre: D [m]

@@ -183,6 +183,26 @@ TEST(Rig, TwoMassesSwingAtTheirOwnFrequencies) {
 }
 
 // At a steady speed the motor holds the cogging: its force has that period in the position.
+// At constant speed the spring carries the friction of the table alone, and the force all of it.
+TEST(Rig, FrictionActsOnTheBodyThatHasIt) {
+  for (const auto family : {Friction::Family::kCoulomb, Friction::Family::kMaxwell}) {
+    for (const double share : {0.0, 0.3, 1.0}) {
+      Rig rig = plain();
+      rig.body.spring_frequency_hz = 60.0;
+      rig.body.damping_ratio = 0.3;
+      rig.friction.family = family;
+      rig.friction.level = 40.0;
+      rig.friction.motor_share = share;
+      const Trace trace = simulate(rig, one_move());
+      const std::size_t row = 900;
+      const double stiffness =
+          rig.body.mass * (1.0 - rig.body.motor_share) * std::pow(2.0 * pi * 60.0, 2);
+      EXPECT_NEAR((trace.motor[row] - trace.load[row]) * stiffness, 40.0 * (1.0 - share), 0.4);
+      EXPECT_NEAR(trace.force[row], 40.0, 0.4);
+    }
+  }
+}
+
 TEST(Rig, CoggingIsInTheForceAtItsPeriod) {
   Rig rig = plain();
   rig.drive.integral_time = 0.01;

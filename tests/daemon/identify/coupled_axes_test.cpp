@@ -4,7 +4,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <map>
 #include <optional>
 #include <sstream>
@@ -179,32 +178,28 @@ TEST_F(StiffCoupledAxes, ArePredictedTogetherFromCommandsAlone) {
   }
 }
 
-// X on a spring, Y stiff; the law of friction by name.
+// X on a spring, Y stiff; the law of friction is compared as well.
 class LongCoupledAxes : public CoupledAxes {
  protected:
   LongCoupledAxes() : CoupledAxes(test::coupled_machine(0.0), 40.0) {
-    config_.options.friction = kind_of<MaxwellSlip>();
+    config_.options.friction.reset();
     config_.options.bounds.zeta_max = 3.0;  // Y has 2.2
     config_.memory_s = 32.0;                // Y reverses slowly only after 30 s
   }
 };
 
-TEST_F(LongCoupledAxes, ArePredictedTogetherFromCommandsAlone) {
-  identify_x();  // as long as Y has no model, by its command
-  ASSERT_FALSE(coupled_by_motion(found_->model)) << said_.str();
-  const double by_command = residual_of_x(1);
-  std::filesystem::remove_all(directory_.path());
+TEST_F(LongCoupledAxes, ArePredictedTogetherToTheNoise) {
   identify(2);
   ASSERT_EQ(all_.size(), 2u) << said_.str();
   const std::vector<double> left = residuals();
   for (std::size_t i = 0; i < 2; ++i) {
     const ModelRecord& found = all_.at(machine_.axes[i].name);
     EXPECT_TRUE(coupled_by_motion(found.model)) << said_.str();
-    std::printf("live residual of %s: %.3f um\n", found.axis.c_str(), 1e6 * left[i]);
-    EXPECT_LT(left[i], 1.3e-7) << found.axis << ", at a noise of 0.058 um; " << said_.str();
+    EXPECT_NE(found.model.find(kind_of<MaxwellSlip>()), nullptr) << "the machine's law";
+    std::printf("live residual of %s: %.3f um; identified in %.1f s\n", found.axis.c_str(),
+                1e6 * left[i], found.time_taken_s);
+    EXPECT_LT(left[i], 1.5 * 5.8e-8) << found.axis << ": the noise is 0.058 um; " << said_.str();
   }
-  std::printf("of X by the command of Y: %.3f um\n", 1e6 * by_command);
-  EXPECT_LT(2.0 * left[0], by_command);
 }
 
 // The first other axis is not the one that pushes: what the first model leaves tells which it is.
