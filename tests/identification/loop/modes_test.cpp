@@ -60,6 +60,14 @@ std::complex<double> error_at(const Loop& loop, std::complex<double> s, bool of_
   return of_command ? command : force;
 }
 
+SegmentedAxis axis_of(const Segment& segment) {
+  SegmentedAxis out;
+  out.axis = "X";
+  out.sample_time_s = segment.sample_time_s;
+  out.segments = {segment};
+  return out;
+}
+
 /// RMS of the noise and the step of the encoder [m].
 double noise_of(const Rig& rig) {
   return std::hypot(rig.reading.noise, rig.reading.step / std::sqrt(12.0));
@@ -231,10 +239,7 @@ TEST(Modes, AreSoughtWhereARecordingIsTooShortForAFrequencyResponse) {
 TEST(LongModes, OneThatMovesWithPositionIsFoundWhereItIs) {
   Rig rig = test::two_masses(Friction::Family::kCoulomb, 150.0, 0.0);
   rig.body.spring_by_position = 0.3;
-  SegmentedAxis axis;
-  axis.axis = "X";
-  axis.sample_time_s = rig.reading.sample_time;
-  axis.segments = {recorded(rig, 20.0, 0.4)};
+  const SegmentedAxis axis = axis_of(recorded(rig, 20.0, 0.4));
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.order = 2;
@@ -268,10 +273,7 @@ TEST(LongModes, OneThatMovesWithPositionIsFoundWhereItIs) {
 TEST(Modes, WithFrictionIsPredictedToTheNoise) {
   Rig rig = two_masses(150.0, 0.0);
   rig.friction.family = hidden_effects::Friction::Family::kCoulomb;
-  SegmentedAxis axis;
-  axis.axis = "X";
-  axis.sample_time_s = rig.reading.sample_time;
-  axis.segments = {recorded(rig, 14.0)};
+  const SegmentedAxis axis = axis_of(recorded(rig, 14.0));
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.order = 2;
@@ -291,10 +293,7 @@ TEST(Modes, WithFrictionIsPredictedToTheNoise) {
 // noise; a law with free elements reaches the noise.
 TEST(LongModes, PreslidingAndVibrationAreFoundTogether) {
   const Rig rig = two_masses(150.0, 0.0);
-  SegmentedAxis axis;
-  axis.axis = "X";
-  axis.sample_time_s = rig.reading.sample_time;
-  axis.segments = {recorded(rig, 14.0)};
+  const SegmentedAxis axis = axis_of(recorded(rig, 14.0));
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.order = 2;
