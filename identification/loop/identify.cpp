@@ -144,10 +144,11 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
       out.push_back(exchanged);
     } else {
       out.emplace_back(
-          "the model that fits best moves before its command, but the encoder does not: command "
-          "and encoder are not those of one linear servo loop; check that both columns are "
-          "positions of this axis, in the same unit and stamped by one clock, and that the sensor "
-          "is fine enough");
+          "the model that fits best moves before its command, but the encoder does not: it is no "
+          "model of this axis. Check that both columns are positions of this axis, in the same "
+          "unit and stamped by one clock, and that the sensor is fine enough; if they are, "
+          "something moves the axis that this model lacks, as play, a limit or a load on a spring "
+          "do, which servotwin diagnose seeks");
     }
   }
   return out;

@@ -1,13 +1,12 @@
 #include "identification/loop/output_error.h"
 
-#include <ceres/ceres.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
-#include "identification/least_squares/bounded.h"
+#include "identification/least_squares/bounded_fit.h"
 #include "identification/least_squares/covariance.h"
 #include "identification/least_squares/jackknife.h"
 #include "identification/loop/readings.h"
@@ -23,42 +22,10 @@ namespace {
 constexpr int kMaxRoundsOfPlay = 6;
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-class ReadingCost final : public ceres::CostFunction {
- public:
-  ReadingCost(const Readings& readings, const Coordinates& coordinates, Eigen::Index parameters,
-              const Likelihoods& likelihoods, const std::vector<std::size_t>& free)
-      : readings_(readings), coordinates_(coordinates), likelihoods_(likelihoods), free_(free) {
-    mutable_parameter_block_sizes()->push_back(static_cast<int>(parameters));
-    set_num_residuals(static_cast<int>(readings.rows()));
-  }
-
-  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
-    const Eigen::Index rows = num_residuals(), count = parameter_block_sizes()[0];
-    const bool derivatives = jacobians != nullptr && jacobians[0] != nullptr;
-    const Missed at = derivatives ? readings_.missed(coordinates_, x[0], free_)
-                                  : readings_.missed(coordinates_.model(x[0]));
-    if (at.r.size() != rows || !at.r.allFinite()) return false;
-    for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihoods_.of(k).residual(at.r(k));
-    if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
-    if (!derivatives) return true;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
-    for (Eigen::Index k = 0; k < rows; ++k)
-      jacobian.row(k) = likelihoods_.of(k).slope(at.r(k)) * at.by.row(k);
-    return jacobian.allFinite();
-  }
-
- private:
-  const Readings& readings_;
-  const Coordinates& coordinates_;
-  const Likelihoods& likelihoods_;
-  const std::vector<std::size_t>& free_;
-};
-
 std::optional<Eigen::MatrixXd> covariance_of(const Coordinates& coordinates,
                                              const Eigen::VectorXd& x, const Readings& readings,
                                              const Likelihoods& likelihoods) {
-  Missed at = readings.missed(coordinates, x.data(), coordinates.without({}));
+  Missed at = readings.missed(coordinates, x.data(), coordinates.free());
   if (!at.r.allFinite() || !at.by.allFinite()) return std::nullopt;
   const Eigen::VectorXd g = likelihoods.weighted(at.r, at.by);
   const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
@@ -71,39 +38,42 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
                                            const Structure& structure, const Model& start,
                                            const OutputErrorOptions& options) {
   if (!why_invalid(start).empty() || segments.empty()) return std::nullopt;
-  const Coordinates coordinates(structure, start, length_scale(segments));
+  const Coordinates coordinates(structure, start, length_scale(segments), options.held);
   const Readings readings(segments, start, options.torque);
   Eigen::VectorXd x = coordinates.of(start);
   Eigen::VectorXd r = readings.missed(start).r;
   if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
-  const std::vector<std::size_t> free = coordinates.without(options.held);
+  const std::vector<std::size_t> free = coordinates.free();
+  if (free.empty()) return std::nullopt;
 
   std::optional<Likelihoods> likelihoods;
   for (int pass = 0; pass < options.passes; ++pass) {
     const double before = likelihoods ? likelihoods->sigma() : 0.0;
     likelihoods.emplace(readings, r, options.encoder_step);
     if (pass > 0 && std::abs(likelihoods->sigma() - before) < 0.05 * before) break;
-    ceres::Problem problem;
-    problem.AddResidualBlock(new ReadingCost(readings, coordinates, x.size(), *likelihoods, free),
-                             nullptr, x.data());
-    for (Eigen::Index i = 0; i < x.size(); ++i) {
-      const auto [lower, upper] = coordinates.bounds(i);
-      if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
-      if (upper < 1e299) problem.SetParameterUpperBound(x.data(), static_cast<int>(i), upper);
-    }
+    BoundedProblem problem{Eigen::VectorXd(x.size()), Eigen::VectorXd(x.size()), {}};
+    for (Eigen::Index i = 0; i < x.size(); ++i)
+      std::tie(problem.lower(i), problem.upper(i)) = coordinates.bounds(i);
+    problem.evaluate = [&](const Eigen::VectorXd& at, Eigen::VectorXd& residual,
+                           Eigen::MatrixXd* jacobian) {
+      Missed missed = jacobian != nullptr ? readings.missed(coordinates, at.data(), free)
+                                          : readings.missed(coordinates.model(at.data()));
+      if (missed.r.size() != readings.rows() || !missed.r.allFinite()) return false;
+      residual = std::move(missed.r);
+      for (Eigen::Index k = 0; k < residual.size(); ++k) {
+        const ReadingLikelihood& likelihood = likelihoods->of(k);
+        if (jacobian != nullptr) missed.by.row(k) *= likelihood.slope(residual(k));
+        residual(k) = likelihood.residual(residual(k));
+      }
+      if (jacobian != nullptr) *jacobian = std::move(missed.by);
+      return residual.allFinite() && (jacobian == nullptr || jacobian->allFinite());
+    };
     const int rounds = plays(start) ? std::min(options.rounds, kMaxRoundsOfPlay) : options.rounds;
-    ceres::Solver::Options solver = bounded_options(ceres::DENSE_QR, rounds, options.tolerance);
-    solver.gradient_tolerance = 1e-30;
-    ceres::Solver::Summary summary;
-    ceres::Solve(solver, &problem, &summary);
-    if (!summary.IsSolutionUsable()) return std::nullopt;
+    if (!fit_within(problem, {rounds, options.tolerance}, x)) return std::nullopt;
     r = readings.missed(coordinates.model(x.data())).r;
   }
   OutputErrorFit fit;
   fit.model = coordinates.model(x.data());
-  // Their coordinates are logarithms, and lose the last digit.
-  for (const std::size_t place : options.held) fit.model.effects[place] = start.effects[place];
-
   fit.sigma = likelihoods->sigma();
   if (readings.outputs().motor) fit.motor_sigma = likelihoods->sigma(1);
   if (readings.outputs().torque)
@@ -148,7 +118,7 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
   }
   if (of_all.rows() <= x.size()) return out;
   const Likelihoods likelihoods(of_all, of_all.missed(at).r, encoder_step);
-  const std::vector<std::size_t> every = coordinates.without({});
+  const std::vector<std::size_t> every = coordinates.free();
   std::vector<NormalEquations> equations(blocks.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     Missed block = readings[b].missed(coordinates, x.data(), every);

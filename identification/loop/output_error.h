@@ -21,6 +21,7 @@
 #include <optional>
 #include <vector>
 
+#include "identification/loop/coordinates.h"
 #include "identification/loop/projection.h"
 #include "identification/model/motor_torque.h"
 #include "twin/model.h"
@@ -35,7 +36,7 @@ struct OutputErrorOptions {
   double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
   int passes = 6;             ///< how often sigma is estimated at most
   bool covariance = true;     ///< false: not computed, which saves a simulation
-  std::vector<std::size_t> held = {};    ///< places of effects that are not fitted
+  Held held = {};             ///< is not fitted
   std::optional<TorqueLag> torque = {};  ///< fitted to the torque as well, which has this lag
 };
 
@@ -47,12 +48,12 @@ struct OutputErrorFit {
   double minus_log_likelihood = 0.0;  ///< over all readings, at this sigma
   /// Of all parameters: numerator, coefficients, a1..an, shapes and so on (as `covariance` of the
   /// pole search), and after them slope, curve and zeta_slope of every mode
-  /// that moves. Empty where it was not asked for.
+  /// that moves. Empty where it was not asked for; 0 of what was held.
   Eigen::MatrixXd covariance;
 };
 
-/// Refines `start`, a model of this structure. Nothing if the result is not a valid model. Any
-/// thread.
+/// Refines `start`, a model of this structure. Nothing if the result is not a valid model, or if
+/// all of it is held. Any thread.
 [[nodiscard]] std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
                                                          const Structure& structure,
                                                          const Model& start,

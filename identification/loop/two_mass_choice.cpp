@@ -1,9 +1,7 @@
 #include "identification/loop/two_mass_choice.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <span>
 #include <stdexcept>
 #include <vector>
 
@@ -29,6 +27,7 @@ constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
 // RMS over that of the law before, at most, to choose another law of friction.
 constexpr double kMaxRmsRatioOfLaw = 0.97;
 constexpr std::size_t kFreeElements = kind_of<MaxwellSlip>();
+constexpr std::ptrdiff_t kFittedOfLaw = 2;  // starts of one law that are fitted on
 
 /// Whether frequency and share of the load are within their bounds, and not at them.
 bool determined(const Model& model) {
@@ -52,34 +51,51 @@ struct Candidates {
   double encoder_step = 0.0;
   std::vector<TwoMassFit> all;
 
-  void add_fitted(const std::vector<TwoMassFit>& starts) {
+  /// These starts after a few rounds, the best first.
+  [[nodiscard]] std::vector<TwoMassFit> tried(const std::vector<TwoMassFit>& starts,
+                                              const Held& held) const {
+    std::vector<std::optional<TwoMassFit>> fits(starts.size());
+    in_parallel(fits.size(), [&](std::size_t i) {
+      fits[i] = refined(starts[i], fitted, encoder_step, kFrictionRounds, kTryPasses, held);
+    });
+    std::vector<TwoMassFit> out;
+    for (auto& fit : fits) {
+      if (fit) out.push_back(std::move(*fit));
+    }
+    std::sort(out.begin(), out.end(), less_left);
+    return out;
+  }
+  /// The best of one law: of these starts, all at once, and of those that know the drive also with
+  /// their friction first; or what is fitted already.
+  void add_best(std::vector<TwoMassFit> starts, const std::vector<TwoMassFit>& of_drive,
+                const std::optional<TwoMassFit>& as_is) {
+    for (TwoMassFit& one : tried(of_drive, {.effects = {}, .drive = true}))
+      starts.push_back(std::move(one));
+    starts.insert(starts.end(), of_drive.begin(), of_drive.end());
+    starts = tried(starts, {});
+    if (std::ssize(starts) > kFittedOfLaw)
+      starts.erase(starts.begin() + kFittedOfLaw, starts.end());
     std::vector<std::optional<TwoMassFit>> fits(starts.size());
     in_parallel(fits.size(), [&](std::size_t i) {
       fits[i] = refined(starts[i], fitted, encoder_step, kFitRounds, kFitPasses);
     });
+    fits.push_back(as_is);
+    std::optional<TwoMassFit> best;
     for (const auto& fit : fits) {
-      if (fit && determined(fit->model)) all.push_back(without_empty_gap(*fit));
+      if (fit && determined(fit->model) && (!best || less_left(*fit, *best))) best = fit;
     }
+    if (best) all.push_back(without_empty_gap(*best));
   }
-  void add_with_laws(const TwoMassFit& fit, std::span<const std::size_t> laws) {
-    std::vector<TwoMassFit> starts;
-    for (const std::size_t law : laws) {
-      if (const auto one = with_law(fit, law)) starts.push_back(*one);
-    }
-    add_fitted(starts);
-  }
-  /// The best of its starts.
-  void add_with_free_elements(const TwoMassFit& fit) {
-    std::vector<TwoMassFit> starts;
+  /// With this law, from this fit and from the drive that it began from.
+  void add_with_law(const TwoMassFit& fit, std::size_t law) {
+    std::vector<TwoMassFit> starts, of_drive;
+    const bool is_free = law == kFreeElements;
     for (const double form : kFormsOfFreeElements) {
-      if (const auto one = with_law(fit, kFreeElements, form)) starts.push_back(*one);
+      if (!is_free && form != kFormsOfFreeElements.front()) break;
+      if (const auto one = with_law(fit, law, form)) starts.push_back(*one);
+      if (const auto one = sliding_with_law(fit, law, form)) of_drive.push_back(*one);
     }
-    const auto before = std::ssize(all);
-    add_fitted(starts);
-    const auto first = all.begin() + before;
-    if (first == all.end()) return;
-    std::iter_swap(first, std::min_element(first, all.end(), less_left));
-    all.erase(first + 1, all.end());
+    add_best(starts, of_drive, law == law_of(fit.structure) ? std::optional(fit) : std::nullopt);
   }
 };
 
@@ -122,24 +138,22 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
     if (!found) continue;
     found_two = true;
     const TwoMassFit first = without_empty_gap(*found);
-    const std::size_t law = options.friction.value_or(law_of(first.structure));
-    if (law == law_of(first.structure)) all.push_back(first);
-    if (!options.friction)
-      candidates.add_with_laws(first, kLawsOnLoad);
-    else if (law == law_of(first.structure))
-      continue;
-    else if (law == kFreeElements)
-      candidates.add_with_free_elements(first);
-    else
-      candidates.add_with_laws(first, std::array{law});
+    const std::size_t law = law_of(first.structure);
+    if (options.friction) {
+      candidates.add_with_law(first, *options.friction);
+    } else {
+      if (std::find(kLawsOnLoad.begin(), kLawsOnLoad.end(), law) == kLawsOnLoad.end())
+        all.push_back(first);
+      for (const std::size_t other : kLawsOnLoad) candidates.add_with_law(first, other);
+    }
   }
   // As beside modes: where much is left, the law of friction may have another virgin curve.
   const auto best = std::min_element(all.begin(), all.end(), less_left);
   if (options.friction.value_or(kFreeElements) == kFreeElements && best != all.end() &&
       best->rms > kMinRmsOverFloorToGoOn * noise_floor(training).rms)
-    candidates.add_with_free_elements(TwoMassFit(*best));  // a copy: `all` grows
+    candidates.add_with_law(TwoMassFit(*best), kFreeElements);  // a copy: `all` grows
   if (all.empty()) {
-    if (options.masses == Masses::kTwo && found_two)
+    if (options.masses == Masses::kTwo && found_two && options.friction)
       throw std::runtime_error(
           message(axis, ": two masses are found, but ", identity_of(*options.friction).id,
                   " has no valid fit beside them; choose another friction model, or none"));

@@ -48,7 +48,8 @@ constexpr double kSeekStep = 0.1;        // the first one, of the logarithm of a
 constexpr double kSeekTolerance = 1e-5;  // of the RMS
 // Difference of log likelihoods up to which chance decides: odds of 20 to 1.
 constexpr double kMinEvidence = 3.0;
-constexpr double kMaxStartShare = 0.9;  // of load and friction on it, away from their bounds
+constexpr double kMaxStartShare = 0.9;    // of load and friction on it, away from their bounds
+constexpr double kFrictionOnMotor = 0.1;  // share on the load
 
 struct Start {
   Model model;
@@ -74,7 +75,7 @@ std::vector<Start> gaps_of(const Model& rigid, std::size_t kind) {
     if (p.name == "width") width = i;
     effect.shape[i++] = p.start;
   }
-  effect.shape[3] = kMaxStartShare;
+  effect.shape[TwoMassLoadEncoder::kFrictionShareAt] = kMaxStartShare;
   for (const double gap : kWidths) {
     effect.shape[width] = gap;
     for (const double f : kContacts_hz) {
@@ -191,6 +192,12 @@ bool vibrates(const Effect& effect) {
          std::find(kKinds.begin(), kKinds.end(), effect.kind) != kKinds.end();
 }
 
+double& share_of_friction(Model& model) {
+  const auto axis = std::find_if(model.effects.begin(), model.effects.end(),
+                                 [](const Effect& effect) { return acts_on_axis(effect.kind); });
+  return axis->shape[TwoMassLoadEncoder::kFrictionShareAt];
+}
+
 /// Friction by this law, with the level and travel of the old one.
 Effect with_law(const Effect& old, std::size_t law) {
   Effect out;
@@ -266,8 +273,7 @@ std::vector<Segment> short_part(const std::vector<Segment>& segments, double dur
 }  // namespace
 
 std::optional<TwoMassFit> refined(TwoMassFit fit, const std::vector<Segment>& segments,
-                                  double encoder_step, int rounds, int passes,
-                                  const std::vector<std::size_t>& held) {
+                                  double encoder_step, int rounds, int passes, const Held& held) {
   OutputErrorOptions options;
   options.held = held;
   options.encoder_step = encoder_step;
@@ -290,6 +296,24 @@ std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law, double form)
   fit.structure.effects[static_cast<std::size_t>(at - fit.model.effects.begin())] = law;
   *at = is_free ? with_free_elements(*at, form) : with_law(*at, law);
   return fit;
+}
+
+std::optional<TwoMassFit> sliding_with_law(const TwoMassFit& fit, std::size_t law, double form) {
+  if (!fit.sliding) return std::nullopt;
+  TwoMassFit out{fit.structure, *fit.sliding};
+  bool has_law = false;
+  for (std::size_t i = 0; i < out.structure.effects.size(); ++i) {
+    Effect& effect = out.model.effects[i];
+    if (is_friction_law(effect.kind)) {
+      has_law = true;
+      Effect plain = make_effect<CoulombFriction>();
+      plain.coefficient[0] = level_of(effect);
+      effect =
+          law == kind_of<MaxwellSlip>() ? with_free_elements(plain, form) : with_law(plain, law);
+    }
+    out.structure.effects[i] = effect.kind;
+  }
+  return has_law ? std::optional(out) : std::nullopt;
 }
 
 TwoMassFit without_empty_gap(TwoMassFit fit) {
@@ -317,6 +341,7 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     if (without_play(effect).kind == kind) continue;
     for (Start& one : gaps_of(rigid, kind)) starts.push_back(std::move(one));
   }
+  const std::vector<Start> sliding = fitted;
   const std::vector<Segment> part = short_part(segments, kShortPart_s),
                              ranked = short_part(segments, kRankedPart_s);
   const auto best_first = [](const Start& l, const Start& r) { return l.rms < r.rms; };
@@ -351,7 +376,7 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     if (std::ssize(tried) < most && there < of_kind) tried.push_back(one);
   }
   const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes,
-                       const std::vector<std::size_t>& held = {}) {
+                       const Held& held = {}) {
     auto found =
         refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes, held);
     one.rms = kUnfittedRms;
@@ -362,12 +387,12 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     return s.rms / (plays(s.model) ? kMaxRmsRatioOfPlay : 1.0);
   };
   const auto fit_and_sort = [&](std::vector<Start>& some, const std::vector<Segment>& to,
-                                int rounds, const std::vector<std::size_t>& held = {}) {
+                                int rounds, const Held& held = {}) {
     in_parallel(some.size(), [&](std::size_t i) { fit(some[i], to, rounds, 1, held); });
     std::sort(some.begin(), some.end(),
               [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   };
-  fit_and_sort(tried, ranked, 3, causes_in(structure));
+  fit_and_sort(tried, ranked, 3, {causes_in(structure)});
   // What no machine has comes last.
   std::stable_partition(tried.begin(), tried.end(),
                         [&](const Start& s) { return s.rms < kUnfittedRms && plausible(s.model); });
@@ -381,6 +406,16 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     std::erase_if(tried, [&](const Start& s) { return !(s.rms < there); });
   }
   const double enough = enough_on(part);
+  // The drive is known from where the axis slides, and not where most of its friction acts: that is
+  // fitted alone as well, else a wrong place takes the drive away with it.
+  std::vector<Start> on_load = fitted, on_motor = fitted;
+  for (Start& one : on_motor) share_of_friction(one.model) = kFrictionOnMotor;
+  in_parallel(2 * sliding.size(), [&](std::size_t i) {
+    fit((i % 2 == 0 ? on_load : on_motor)[i / 2], part, kFrictionRounds, 1,
+        {.effects = {}, .drive = true});
+  });
+  for (std::size_t i = 0; i < sliding.size(); ++i)
+    fitted.push_back(on_motor[i].rms < on_load[i].rms ? on_motor[i] : on_load[i]);
   fitted.insert(fitted.end(), tried.begin(), tried.end());
   fit_and_sort(fitted, part, 8);
   const bool both_recorded = std::all_of(segments.begin(), segments.end(), [](const Segment& s) {
@@ -421,7 +456,13 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
       if (std::find(kinds.begin(), kinds.end(), kind) != kinds.end()) fit(spring, segments, 14, 2);
       if (rank(spring) < rank(one) && plausible(spring.model)) one = std::move(spring);
     }
-    return TwoMassFit{structure_of(one.model), one.model, one.rms};
+    TwoMassFit out{structure_of(one.model), one.model, one.rms};
+    const std::size_t kind = without_play(*two_mass_of(one.model)).kind;
+    const auto drive = std::find_if(sliding.begin(), sliding.end(), [&](const Start& s) {
+      return two_mass_of(s.model)->kind == kind;
+    });
+    if (drive != sliding.end()) out.sliding = drive->model;
+    return out;
   }
   return std::nullopt;
 }

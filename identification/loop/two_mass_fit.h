@@ -23,6 +23,9 @@ struct TwoMassFit {
   Structure structure;
   Model model;
   double rms = 0.0;  ///< on the segments; geometric mean of both encoders [m | rad]
+  /// The drive without play as it shows where the axis slides, with friction of a first guess;
+  /// absent where it does not show.
+  std::optional<Model> sliding = {};
 };
 
 /// Whether a model is physically plausible beyond the bounds of its single parameters.
@@ -51,16 +54,24 @@ inline constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
 [[nodiscard]] std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law,
                                                  double form = kFormsOfFreeElements[1]);
 
+/// The drive as it shows where the axis slides with this law of friction, whose shapes are those of
+/// the catalogue, not fitted: those of the rigid axis were fitted as if there were no spring.
+/// Nothing where the drive does not show.
+[[nodiscard]] std::optional<TwoMassFit> sliding_with_law(const TwoMassFit& fit, std::size_t law,
+                                                         double form = kFormsOfFreeElements[1]);
+
 /// Fitted to the segments in free simulation from where it is, in at most so many rounds a pass
-/// (fewer with play, output_error.h); the effects in these places are held. Nothing without a valid
+/// (fewer with play, output_error.h); `held` is not fitted. Nothing without a valid
 /// fit.
 [[nodiscard]] std::optional<TwoMassFit> refined(TwoMassFit fit,
                                                 const std::vector<Segment>& segments,
                                                 double encoder_step, int rounds, int passes,
-                                                const std::vector<std::size_t>& held = {});
+                                                const Held& held = {});
 
 /// Rounds and passes to see whether a law of friction is worth more, and to fit it.
 inline constexpr int kTryRounds = 6, kTryPasses = 1, kFitRounds = 20, kFitPasses = 2;
+/// Rounds in which the friction alone is fitted beside a drive that is known, or starts are ranked.
+inline constexpr int kFrictionRounds = 8;
 
 /// The same axis without its play, if the gap is as narrow as it may be: then there is none.
 [[nodiscard]] TwoMassFit without_empty_gap(TwoMassFit fit);

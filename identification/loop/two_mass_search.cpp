@@ -469,7 +469,7 @@ std::optional<Model> model_at(const Found& found, const TwoMassProjection& data,
   axis.shape[0] = drive.parameters.omega / (2.0 * std::numbers::pi);
   axis.shape[1] = drive.parameters.zeta;
   axis.shape[2] = drive.parameters.load_share;
-  axis.shape[3] = kFrictionShare;
+  axis.shape[TwoMassLoadEncoder::kFrictionShareAt] = kFrictionShare;
   if (data.encoders() == Encoders::kLoad)
     axis.shape[TwoMassLoadEncoder::kResetAt] =
         data.order() == 3 ? drive.parameters.reset : TwoMassLoadEncoder::kReset.start;

@@ -54,7 +54,8 @@ struct TwoMass {
       30.0,
       "reset rate of the velocity control's integrator, which integrates the motor's velocity"};
   static constexpr Parameter kWidth{"width", "m", 1e-7, 1e-2, 1e-5, "width of the gap"};
-  static constexpr std::size_t kResetAt = 4;  ///< of the shapes, where there is one
+  static constexpr std::size_t kFrictionShareAt = 3;  ///< of the shapes
+  static constexpr std::size_t kResetAt = 4;          ///< of the shapes, where there is one
   static constexpr std::size_t kWidthAt = encoders == Encoders::kLoad ? 5 : 4;
   static constexpr auto kShapes = [] {
     if constexpr (encoders == Encoders::kLoad) {

@@ -94,14 +94,14 @@ TEST(OutputError, AnEffectThatIsHeldStaysToTheLastBit) {
   off.effects[0].coefficient[0] = 0.33;
   off.effects[1].coefficient[0] = 0.0;
   OutputErrorOptions options;
-  options.held = {0};
+  options.held.effects = {0};
   const auto fit = output_error(all, structure, off, options);
   ASSERT_TRUE(fit);
   EXPECT_EQ(fit->model.effects[0].coefficient, off.effects[0].coefficient);
   EXPECT_EQ(fit->model.effects[0].shape, off.effects[0].shape);
   EXPECT_NEAR(fit->model.effects[1].coefficient[0], 0.05, 0.01);
   EXPECT_NE(fit->model.loop.numerator[1], 95.0);
-  options.held.clear();
+  options.held = {};
   const auto free = output_error(all, structure, off, options);
   ASSERT_TRUE(free);
   EXPECT_NEAR(free->model.effects[0].coefficient[0], 0.3, 0.003);
