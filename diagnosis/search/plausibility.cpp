@@ -70,22 +70,27 @@ double fastest_pole(const Loop& loop) {
 /// the lag of the drive feeds, which is not in the model; but only where it is fast beside the
 /// loop: a slow one without damping is a part of the control (a healthy axis got one of 8.7 Hz).
 /// Nor where the velocity loop's integrator takes all of the position gain: no drive is set like
-/// that. Nor where hardly anything is on one side of it: two per cent of the mass on a spring stand
-/// for something else (presliding of an axis in degrees got one of 271 Hz).
+/// that.
 bool is_spring(const Model& model, const Effect& axis) {
   constexpr double kMaxDamping = 0.2, kMaxFrequency = 0.4;  // of the sampling rate
   constexpr double kUndamped = 1.5;            // times the least damping of the catalogue
   constexpr double kMinOverFastestPole = 3.0;  // of the frequency of one without damping
-  constexpr double kMinShareOfMass = 0.025;    // on either side
   const double frequency_hz = axis.shape[0], damping = axis.shape[1];
   if (damping > kMaxDamping || frequency_hz * model.sample_time_s > kMaxFrequency) return false;
   const TwoMassParameters parameters = two_mass_parameters(axis);
-  if (std::min(parameters.load_share, 1.0 - parameters.load_share) < kMinShareOfMass) return false;
   if (parameters.encoders == Encoders::kLoad && model.loop.order == 3 &&
       model.loop.denominator[0] * parameters.reset >= model.loop.denominator[1])
     return false;
   return damping > kUndamped * shapes_of(axis.kind)[1].lower ||
          2.0 * std::numbers::pi * frequency_hz > kMinOverFastestPole * fastest_pole(model.loop);
+}
+
+/// Whether both sides of a spring or a gap have a mass. Two per cent of it on one side stand for
+/// something else: presliding of an axis in degrees got a spring of 271 Hz, and a gap of 5 urad.
+bool has_two_masses(const Effect& axis) {
+  constexpr double kMinShareOfMass = 0.025;
+  const double share = two_mass_parameters(axis).load_share;
+  return std::min(share, 1.0 - share) >= kMinShareOfMass;
 }
 
 }  // namespace
@@ -117,7 +122,8 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
       2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest_pole(model.loop))
     return false;
   if (const Effect* axis = two_mass_of(model);
-      axis != nullptr && two_mass_parameters(*axis).width == 0.0 && !is_spring(model, *axis))
+      axis != nullptr && (!has_two_masses(*axis) ||
+                          (two_mass_parameters(*axis).width == 0.0 && !is_spring(model, *axis))))
     return false;
   if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
       pushes != nullptr && !are_impulses(*pushes))

@@ -98,6 +98,18 @@ TEST(Plausible, ASpringWithHardlyAnyMassOnOneSideIsNone) {
   EXPECT_TRUE(is_plausible(effect));
 }
 
+// Another recording of the same axis: a gap of 5 urad, with a contact of 264 Hz, a damping of 0.68
+// and two per cent of the inertia behind it.
+TEST(Plausible, NorIsAGap) {
+  Effect effect = make_effect<PlayLoadEncoder>();
+  effect.shape[0] = 264.0;
+  effect.shape[1] = 0.68;
+  effect.shape[2] = 0.02;
+  EXPECT_FALSE(is_plausible(effect));
+  effect.shape[2] = 0.1;
+  EXPECT_TRUE(is_plausible(effect));
+}
+
 TEST(Plausible, AnEffectWithoutAGapHasNoneToClose) {
   Effect effect = make_effect<Presliding>();
   effect.coefficient[0] = 0.3;
