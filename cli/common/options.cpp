@@ -10,6 +10,7 @@
 
 #include "cli/common/option_table.h"
 #include "cli/common/output.h"
+#include "daemon/identify/held_out.h"
 #include "diagnosis/evidence/encoder_difference.h"
 #include "diagnosis/search/acting_axis.h"
 #include "drivers/common/text.h"
@@ -393,6 +394,8 @@ std::vector<std::optional<ModelRecord>> models_of(const MachineDescription& mach
                                ", which the CAN mapping does not have");
     }
     require_kind(record, file, record.axis, machine.axes[axis].rotary);
+    if (const std::string why = daemon::why_no_neighbour(record, machine, axis); !why.empty())
+      throw std::runtime_error(file.string() + ": " + why);
     record.model = model_at(record, machine.cycle_s, people);
     models[axis] = std::move(record);
   }

@@ -9,6 +9,7 @@
 #include "cli/common/output.h"
 #include "cli/live/virtual_drive.h"
 #include "daemon/between/clock.h"
+#include "daemon/identify/held_out.h"
 #include "drivers/can/can_map.h"
 #include "drivers/can/socketcan.h"
 #include "drivers/common/text.h"
@@ -18,12 +19,14 @@ namespace {
 
 constexpr double kDrivePatience_s = 0.1;  // longest delay of an interrupt
 
-std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem::path>& files) {
-  std::vector<Twin> twins;
+std::vector<daemon::TwinInForce> twins_of(const CanMap& map,
+                                          const std::vector<std::filesystem::path>& files) {
+  std::vector<daemon::TwinInForce> twins;
   for (const std::optional<ModelRecord>& record : models_of(map.machine, files, stdout)) {
-    const std::string& axis = map.machine.axes[twins.size()].name;
-    if (!record) throw UsageError("--model is missing for axis " + in_quotes(axis));
-    twins.emplace_back(record->model);
+    const std::size_t axis = twins.size();
+    if (!record)
+      throw UsageError("--model is missing for axis " + in_quotes(map.machine.axes[axis].name));
+    twins.push_back(daemon::twin_in_force(*record, map.machine, axis));
   }
   return twins;
 }

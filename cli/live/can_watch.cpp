@@ -9,6 +9,7 @@
 #include "cli/common/options.h"
 #include "cli/common/output.h"
 #include "daemon/between/clock.h"
+#include "daemon/identify/held_out.h"
 #include "daemon/input/can_source.h"
 #include "daemon/loop/real_time_loop.h"
 #include "diagnosis/statistics/text.h"
@@ -31,9 +32,9 @@ class Predictor {
     const auto records = models_of(map.machine, files, stdout);
     for (std::size_t i = 0; i < records.size(); ++i) {
       if (!records[i]) continue;
-      const ModelRecord& record = *records[i];
-      models_[i].publish({Twin(record.model), std::max(record.version, 1), record.holdout.rms,
-                          daemon::settling_cycles(record.model)});
+      ModelRecord record = *records[i];
+      record.version = std::max(record.version, 1);  // 0 is no model to the loop
+      models_[i].publish(daemon::twin_in_force(record, map.machine, i));
     }
   }
   /// Valid until the next cycle.

@@ -34,7 +34,8 @@ std::uint16_t DriveState::status_word() const noexcept {
   return 0x1237;
 }
 
-VirtualDrive::VirtualDrive(const CanMap& map, std::vector<Twin> twins) : map_(map), encoder_(map) {
+VirtualDrive::VirtualDrive(const CanMap& map, const std::vector<daemon::TwinInForce>& twins)
+    : map_(map), encoder_(map) {
   for (std::size_t i = 0; i < map.machine.axes.size(); ++i) {
     const std::string& name = map.machine.axes[i].name;
     if (map.find(i, CanChannel::kTarget) == nullptr) {
@@ -43,7 +44,7 @@ VirtualDrive::VirtualDrive(const CanMap& map, std::vector<Twin> twins) : map_(ma
                                "(object 0x607A in an RPDO)");
     }
     Axis axis;
-    axis.twin = twins.at(i);
+    axis.in_force = twins.at(i);
     if (map.find(i, CanChannel::kControlWord) == nullptr) axis.state.enable();
     axes_.push_back(axis);
   }
@@ -96,18 +97,35 @@ void VirtualDrive::drop_stale_offset(Axis& axis) const noexcept {
   }
 }
 
-void VirtualDrive::step(std::size_t index) noexcept {
-  Axis& axis = axes_[index];
+void VirtualDrive::take_demand(Axis& axis) const noexcept {
   drop_stale_offset(axis);
   if (axis.state.enabled() && axis.has_target) axis.demand = axis.target + axis.offset;
-  if (!axis.started && axis.has_target) {
+  if (!axis.has_target) return;
+  if (!axis.started) {
     axis.demand = axis.target;
-    axis.twin.start(axis.demand);
-    axis.actual = axis.twin.position();
-    axis.started = true;
-  } else if (axis.started) {
-    axis.actual = axis.demand - axis.twin.follow(axis.demand);
+    axis.last = {};
   }
+  axis.last.add(axis.demand);
+}
+
+void VirtualDrive::follow(Axis& axis) noexcept {
+  Twin& twin = axis.in_force.twin;
+  if (!axis.started) {
+    twin.start(axis.demand);
+    axis.actual = twin.position();
+    axis.started = true;
+    return;
+  }
+  const double acting = daemon::acting_on(axis.in_force, [&](int other) -> daemon::SeenAxis {
+    const Axis& seen = axes_[static_cast<std::size_t>(other)];
+    return {seen.started ? &seen.in_force : nullptr, &seen.in_force.twin, seen.last};
+  });
+  axis.actual = axis.demand - twin.follow(axis.demand, acting);
+  axis.last.predict(twin.acceleration());
+}
+
+void VirtualDrive::say(std::size_t index) noexcept {
+  const Axis& axis = axes_[index];
   const auto say = [&](CanChannel channel, double value) {
     if (map_.find(index, channel) != nullptr && !encoder_.set(index, channel, value))
       ++not_carried_;
@@ -117,6 +135,16 @@ void VirtualDrive::step(std::size_t index) noexcept {
   say(CanChannel::kFollowingError, axis.demand - axis.actual);
   say(CanChannel::kTorque, 0.0);
   say(CanChannel::kStatusWord, axis.state.status_word());
+}
+
+void VirtualDrive::step() noexcept {
+  for (Axis& axis : axes_) take_demand(axis);
+  for (const bool by_motion : {false, true}) {  // those that are pushed by motion come last
+    for (Axis& axis : axes_) {
+      if (axis.has_target && axis.in_force.by_motion == by_motion) follow(axis);
+    }
+  }
+  for (std::size_t i = 0; i < axes_.size(); ++i) say(i);
 }
 
 std::span<const VirtualDrive::Answer> VirtualDrive::on_frame(std::size_t bus,
@@ -129,7 +157,7 @@ std::span<const VirtualDrive::Answer> VirtualDrive::on_frame(std::size_t bus,
     return answers_;
   }
   ++cycles_;
-  for (std::size_t i = 0; i < axes_.size(); ++i) step(i);
+  step();
   for (std::size_t i = 0; i < map_.messages.size(); ++i) {
     if (map_.messages[i].from_machine || encoder_.carries(i, CanChannel::kStatusWord))
       answers_.push_back({map_.messages[i].bus, encoder_.frame(i)});

@@ -1,8 +1,9 @@
 // Virtual drives: they answer on the bus as CiA 402 nodes do, and move as a model predicts.
 // At the start of every cycle (SYNC), an axis takes the target position received last, adds the
 // position offset, lets the twin follow, and sends the signals that the mapping assigns to drives:
-// demand, actual value, following error, torque (0), status word. If a control word is mapped, the
-// axis holds its position until operation is enabled. An offset that is not renewed for
+// demand, actual value, following error, torque (0), status word. Axes whose models are coupled
+// push each other as in the daemon's loop (daemon/loop/acting_acceleration.h). If a control word is
+// mapped, the axis holds its position until operation is enabled. An offset that is not renewed for
 // kOffsetValidity_s is dropped, whoever sent it: it goes to zero at a constant rate within
 // kOffsetRamp_s. Process data only: there is no object dictionary to be read (SDO) and no network
 // management. One thread; on_frame allocates nothing. Source: CiA 402-2 (state machine), CiA 301
@@ -13,10 +14,11 @@
 #include <span>
 #include <vector>
 
+#include "daemon/between/cycle_row.h"
+#include "daemon/loop/acting_acceleration.h"
 #include "drivers/can/can_encoder.h"
 #include "drivers/can/can_frame.h"
 #include "drivers/can/can_map.h"
-#include "twin/twin.h"
 
 namespace servotwin {
 
@@ -45,7 +47,7 @@ class VirtualDrive {
 
   /// One twin per axis of the map. Throws std::runtime_error if an axis has no target, or if the
   /// message that begins the cycles is sent by the drives: then no cycle could begin.
-  VirtualDrive(const CanMap& map, std::vector<Twin> twins);
+  VirtualDrive(const CanMap& map, const std::vector<daemon::TwinInForce>& twins);
 
   /// The frames with which the drives answer this frame; valid until the next call.
   [[nodiscard]] std::span<const Answer> on_frame(std::size_t bus, const CanFrame& frame) noexcept;
@@ -55,7 +57,8 @@ class VirtualDrive {
 
  private:
   struct Axis {
-    Twin twin;
+    daemon::TwinInForce in_force;
+    daemon::LastCycles last;
     DriveState state;
     bool started = false;
     bool has_target = false;
@@ -65,7 +68,10 @@ class VirtualDrive {
   };
   void take(std::size_t bus, const CanFrame& frame) noexcept;
   void drop_stale_offset(Axis& axis) const noexcept;
-  void step(std::size_t axis) noexcept;
+  void take_demand(Axis& axis) const noexcept;
+  void follow(Axis& axis) noexcept;
+  void say(std::size_t axis) noexcept;
+  void step() noexcept;
 
   const CanMap& map_;
   CanEncoder encoder_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "daemon/loop/real_time_loop.h"
 #include "drivers/common/text.h"
 #include "twin/catalogue.h"
 #include "twin/neighbour.h"
@@ -68,6 +69,24 @@ int neighbour_in(const MachineDescription& machine, std::size_t axis, const Mode
   return -1;
 }
 
+std::string why_no_neighbour(const ModelRecord& record, const MachineDescription& machine,
+                             std::size_t axis) {
+  if (coupling_of(record.model) == nullptr || neighbour_in(machine, axis, record) >= 0) return {};
+  return std::string("needs the ") + (coupled_by_motion(record.model) ? "motion" : "command") +
+         " of " + (record.neighbour.empty() ? "another axis" : "axis '" + record.neighbour + "'") +
+         ", which the machine does not have";
+}
+
+TwinInForce twin_in_force(const ModelRecord& record, const MachineDescription& machine,
+                          std::size_t axis) {
+  return {Twin(record.model),
+          record.version,
+          record.holdout.rms,
+          settling_cycles(record.model),
+          neighbour_in(machine, axis, record),
+          coupled_by_motion(record.model)};
+}
+
 std::string why_not_for(const ModelRecord& record, const MachineDescription& machine,
                         std::size_t axis) {
   const bool rotary = machine.axes[axis].rotary;
@@ -85,12 +104,7 @@ std::string why_not_for(const ModelRecord& record, const MachineDescription& mac
       return "contains " + std::string(identity_of(effect.kind).id) +
              ", which is of its recording and predicts no other motion";
   }
-  if (coupling_of(record.model) != nullptr && neighbour_in(machine, axis, record) < 0)
-    return std::string("needs the ") + (coupled_by_motion(record.model) ? "motion" : "command") +
-           " of " +
-           (record.neighbour.empty() ? "another axis" : "axis '" + record.neighbour + "'") +
-           ", which the machine does not have";
-  return {};
+  return why_no_neighbour(record, machine, axis);
 }
 
 void see_as_live(std::vector<Segment>& motion, const ModelRecord& record,

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/between/cycle_row.h"
 #include "daemon/identify/promotion.h"
 #include "drivers/common/messages.h"
 #include "identification/model/model_file.h"
@@ -33,6 +34,14 @@ namespace servotwin::daemon {
 /// else the first other one; -1: none.
 [[nodiscard]] int neighbour_in(const MachineDescription& machine, std::size_t axis,
                                const ModelRecord& record);
+/// Why the machine lacks the axis that acts on this one in the model, "needs the motion of ..";
+/// empty: it has it, or none acts.
+[[nodiscard]] std::string why_no_neighbour(const ModelRecord& record,
+                                           const MachineDescription& machine, std::size_t axis);
+
+/// The model as the loop of this machine uses it.
+[[nodiscard]] TwinInForce twin_in_force(const ModelRecord& record,
+                                        const MachineDescription& machine, std::size_t axis);
 
 /// The motion with what the loop knows of the axis that acts on it in this model: its motion as
 /// `other`, the model of that axis in force, predicts it, without what a third axis does to it;

@@ -541,9 +541,7 @@ void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy
 
 void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& model) {
   const ModelRecord& record = model.record;
-  in_force_[axis].publish({Twin(record.model), record.version, record.holdout.rms,
-                           settling_cycles(record.model), neighbour_in(machine_, axis, record),
-                           coupled_by_motion(record.model)});
+  in_force_[axis].publish(twin_in_force(record, machine_, axis));
   axes_[axis].in_force = model;
   if (coupling_of(record.model) != nullptr && !record.neighbour.empty())
     seek_beside(axis, record.neighbour);

@@ -97,7 +97,7 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
     Model model = daemon::drive();
     model.sample_time_s = cycle_s;
     controller_.emplace(map_);
-    drive_.emplace(map_, std::vector<Twin>{Twin(model)});
+    drive_.emplace(map_, std::vector<daemon::TwinInForce>{{Twin(model)}});
     std::ofstream(directory_.path() / "m.toml")
         << "[machine]\nname = \"" << name_
         << "\"\n[[axis]]\nname = \"X\"\ncorrection = { peak = " << peak_ << ", rate = " << kRate

@@ -158,7 +158,7 @@ TEST(CanSource, TheLoopOfControllerDriveAndTwinCloses) {
   std::uint64_t answered = 0;
   std::thread drive([&] {
     SocketCan bus("vcan0");
-    VirtualDrive nodes(map, {Twin(loop_model()), Twin(loop_model())});
+    VirtualDrive nodes(map, {{Twin(loop_model())}, {Twin(loop_model())}});
     std::array<CanFrame, 64> batch;
     ready = true;
     while (!stop) {

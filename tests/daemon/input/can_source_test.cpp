@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <deque>
 #include <thread>
@@ -16,6 +17,8 @@
 #include "drivers/can/can_udp.h"
 #include "tests/daemon/support.h"
 #include "tests/support/expect_error.h"
+#include "twin/catalogue.h"
+#include "twin/neighbour.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -394,7 +397,7 @@ class Drives : public testing::Test {
 
   CanMap map_ = map_of(kDrive);
   CanEncoder encoder_{map_};
-  VirtualDrive drive_{map_, {Twin(drive())}};
+  VirtualDrive drive_{map_, {{Twin(drive())}}};
   std::vector<CanFrame> sent_;
 };
 
@@ -465,15 +468,73 @@ TEST_F(Drives, FollowTheTargetAsTheTwinDoesOnceTheyAreEnabled) {
   EXPECT_EQ(drive_.not_carried(), 0U);
 }
 
+// The truth is the prediction of whole motions, by turns, which shares nothing with the drives but
+// the twin.
+TEST(VirtualDrive, OfAxesThatPushEachOtherMovesAsThePredictionFromCommandsSays) {
+  constexpr const char* kTwo = R"(
+cycle_s = 0.001
+[[axis]]
+name = "X"
+command = {id = 0x181, start_bit = 0, length = 32, unit = "nm"}
+actual = {id = 0x181, start_bit = 32, length = 32, unit = "nm"}
+target = {id = 0x301, start_bit = 0, length = 32, unit = "nm"}
+[[axis]]
+name = "Y"
+command = {id = 0x182, start_bit = 0, length = 32, unit = "nm"}
+actual = {id = 0x182, start_bit = 32, length = 32, unit = "nm"}
+target = {id = 0x302, start_bit = 0, length = 32, unit = "nm"}
+)";
+  const CanMap map = map_of(kTwo);
+  Model model = drive();
+  model.effects.push_back(make_effect<CrossCouplingByMotion>());
+  model.effects.back().coefficient[0] = 0.1;
+  const TwinInForce x{Twin(model), 1, 1e-6, 0, 1, true}, y{Twin(model), 1, 1e-6, 0, 0, true};
+  VirtualDrive nodes(map, {x, y});
+  CanEncoder encoder(map);
+  constexpr Eigen::Index kCycles = 1500;
+  std::array<Eigen::ArrayXd, 2> target, actual;
+  for (std::size_t i = 0; i < 2; ++i) target[i].resize(kCycles), actual[i].resize(kCycles);
+  for (Eigen::Index k = 0; k < kCycles; ++k) {
+    const double t = 1e-3 * static_cast<double>(k);
+    target[0](k) = 1e-9 * std::nearbyint(2e6 * (1.0 - std::cos(6.0 * t)));
+    target[1](k) = 1e-9 * std::nearbyint(1e7 * (1.0 - std::cos(9.0 * t)));
+    for (std::size_t i = 0; i < 2; ++i) {
+      ASSERT_TRUE(encoder.set(i, CanChannel::kTarget, target[i](k)));
+      (void)nodes.on_frame(0, encoder.frame(map.find(i, CanChannel::kTarget)->message));
+    }
+    for (const auto& answer : nodes.on_frame(0, encoder.start())) {
+      for (std::size_t i = 0; i < 2; ++i) {
+        const MappedSignal* signal = map.find(i, CanChannel::kActual);
+        if (answer.frame.id == map.messages[signal->message].id)
+          actual[i](k) = decoded(signal->signal, answer.frame.data);
+      }
+    }
+  }
+  for (std::size_t i = 0; i < 2; ++i) {
+    Segment segment;
+    segment.sample_time_s = map.machine.cycle_s;
+    segment.command = target[i];
+    segment.neighbour = target[1 - i];
+    predict_neighbour(segment, model, model, true);
+    const Eigen::ArrayXd pushed = simulate(model, segment);
+    segment.neighbour_motion.setConstant(0.0);
+    segment.neighbour.setConstant(0.0);
+    const Eigen::ArrayXd alone = simulate(model, segment);
+    const double push = (pushed - alone).abs().maxCoeff();
+    EXPECT_GT(push, 5e-7) << "well above a nanometre";
+    EXPECT_LT((target[i] - actual[i] - pushed).abs().maxCoeff(), 0.01 * push);
+  }
+}
+
 TEST(VirtualDrive, NeedsATargetAndASync) {
   const CanMap none = map_of(kTwoBuses);
   expect_error<std::runtime_error>(
       [&] {
-        VirtualDrive nodes(none, {Twin(drive()), Twin(drive())});
+        VirtualDrive nodes(none, {{Twin(drive())}, {Twin(drive())}});
       },
       {"axis X", "0x607A"});
   const CanMap own = map_of("sync = 0x181\n" + std::string(kDrive));
-  expect_error<std::runtime_error>([&] { VirtualDrive nodes(own, {Twin(drive())}); },
+  expect_error<std::runtime_error>([&] { VirtualDrive nodes(own, {{Twin(drive())}}); },
                                    {"0x181", "SYNC"});
 }
 
