@@ -5,8 +5,8 @@
 //
 //   vibration_study [--write FOLDER | --coupled | --many | --moving | --two-masses]
 //
-// With a folder recordings of the first three parts are written there instead, for
-// vibration_peer.py.
+// With a folder recordings of the first three parts and of the two masses are written there
+// instead, for vibration_peer.py and other programs.
 // --coupled, --many, --moving: only the second part, only the third, only the fourth.
 // --two-masses: the axis of the first part as two masses, its encoder at motor or load, its
 // friction on one of them or on both.
@@ -20,6 +20,7 @@
 #include <cstdio>
 #include <fstream>
 #include <numbers>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -243,18 +244,49 @@ void all_many() {
     many(hz);
 }
 
-/// The axis as two masses, against what it is made of.
-void as_two_masses(hidden_effects::Encoder encoder, Friction::Family family, double on_load) {
-  Rig rig = axis(family, 0.0);
-  rig.drive.position_from = rig.reading.recorded = encoder;
-  rig.friction.motor_share = 1.0 - on_load;
+/// The axis of two masses, with this share of its friction on the load.
+struct TwoMassCase {
+  hidden_effects::Encoder encoder;
+  Friction::Family family;
+  double on_load = 0.0;
+
+  [[nodiscard]] bool at_motor() const { return encoder == hidden_effects::Encoder::kMotor; }
+  [[nodiscard]] const char* law() const {
+    return family == Friction::Family::kMaxwell ? "GMS" : "LuGre";
+  }
+  [[nodiscard]] Rig rig() const {
+    Rig out = axis(family, 0.0);
+    out.drive.position_from = out.reading.recorded = encoder;
+    out.friction.motor_share = 1.0 - on_load;
+    return out;
+  }
+};
+
+std::vector<TwoMassCase> two_mass_cases() {
+  std::vector<TwoMassCase> out;
+  for (const auto encoder : {hidden_effects::Encoder::kMotor, hidden_effects::Encoder::kLoad}) {
+    for (const auto family : {Friction::Family::kMaxwell, Friction::Family::kLuGre}) {
+      for (const double on_load : {0.0, 0.5, 1.0}) out.push_back({encoder, family, on_load});
+    }
+  }
+  return out;
+}
+
+/// Against what it is made of.
+void as_two_masses(const TwoMassCase& one) {
+  const Rig rig = one.rig();
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.masses = Masses::kTwo;
   std::printf("encoder at the %s, %s, %g %% of the friction on the load: ",
-              encoder == hidden_effects::Encoder::kLoad ? "load" : "motor",
-              family == Friction::Family::kMaxwell ? "GMS" : "LuGre", 100.0 * on_load);
-  const ModelRecord found = identify(recorded(rig), options).record;
+              one.at_motor() ? "motor" : "load", one.law(), 100.0 * one.on_load);
+  ModelRecord found;
+  try {
+    found = identify(recorded(rig), options).record;
+  } catch (const std::runtime_error& refusal) {
+    std::printf("%s\n", refusal.what());
+    return;
+  }
   const Effect& axis = *two_mass_of(found.model);
   const TwoMassParameters is = two_mass_parameters(axis);
   const double noise = std::hypot(rig.reading.noise, rig.reading.step / std::sqrt(12.0));
@@ -267,14 +299,6 @@ void as_two_masses(hidden_effects::Encoder encoder, Friction::Family family, dou
       is.friction_share, std::string(identity_of(axis.kind).id).c_str(),
       std::string(identity_of(found.model.effects.front().kind).id).c_str());
   std::fflush(stdout);
-}
-
-void all_as_two_masses() {
-  for (const auto encoder : {hidden_effects::Encoder::kMotor, hidden_effects::Encoder::kLoad}) {
-    for (const auto family : {Friction::Family::kMaxwell, Friction::Family::kLuGre}) {
-      for (const double on_load : {0.0, 0.5, 1.0}) as_two_masses(encoder, family, on_load);
-    }
-  }
 }
 
 void all_moving() {
@@ -301,7 +325,7 @@ int main(int argc, char** argv) {
     return 0;
   }
   if (part == "--two-masses") {
-    all_as_two_masses();
+    for (const TwoMassCase& one : two_mass_cases()) as_two_masses(one);
     return 0;
   }
   const std::string folder = argc == 3 && std::string(argv[1]) == "--write" ? argv[2] : "";
@@ -341,6 +365,10 @@ int main(int argc, char** argv) {
     write_coupled(folder + "/coupled.csv", true);
     write(folder + "/five_masses.csv",
           test::production_of(test::carrying({24.0, 38.0, 60.0, 95.0, 130.0})));
+    for (const TwoMassCase& one : two_mass_cases())
+      write(folder + "/" + (one.at_motor() ? "motor_" : "load_") + one.law() + "_" +
+                std::to_string(std::lround(100.0 * one.on_load)) + ".csv",
+            recorded(one.rig()).segments.front());
     return 0;
   }
   both_coupled();
