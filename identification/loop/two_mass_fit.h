@@ -12,6 +12,7 @@
 #include <optional>
 #include <vector>
 
+#include "identification/loop/coordinates.h"
 #include "identification/loop/free_elements.h"
 #include "identification/loop/projection.h"
 #include "twin/model.h"
