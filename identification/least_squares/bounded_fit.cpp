@@ -9,12 +9,16 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kFirstDamping = 1e-4;  // of the squared norms of the columns
-constexpr double kLeastDamping = 1e-12, kMostDamping = 1e12;
-constexpr double kLeastGain = 1e-4;    // of the decrease that the model promises, to take a step
-constexpr double kLeastScale = 1e-12;  // of a column's squared norm, of the largest one
-
-constexpr double kRounding = 1e-12;  // of the largest slope
+// Damping, relative to the squared norms of the columns: at first, and between which it stays,
+// where rounding makes less of no effect and more of no step.
+constexpr double kFirstDamping = 1e-4, kMinDamping = 1e-12, kMaxDamping = 1e12;
+// Decrease of the cost over that which the model promises, below which a step is not taken.
+constexpr double kMinDecreaseRatio = 1e-4;
+// Squared norm of a column over that of the largest one, below which it is damped as if it had it:
+// a column of zeros leaves the equations solvable.
+constexpr double kMinColumnRatio = 1e-12;
+// Slope over the largest one, below which it is rounding.
+constexpr double kRoundingRatio = 1e-12;
 
 double cost_of(const Eigen::VectorXd& residual) { return 0.5 * residual.squaredNorm(); }
 
@@ -65,7 +69,7 @@ Eigen::VectorXd quadratic_minimum(const Eigen::MatrixXd& h, const Eigen::VectorX
                    gain = inwards / std::sqrt(h(i, i));
       if (inwards > 0.0 && gain > most) most = gain, leaves = i;
     }
-    if (leaves < 0 || !(most > kRounding * largest)) break;
+    if (leaves < 0 || !(most > kRoundingRatio * largest)) break;
     held[static_cast<std::size_t>(leaves)] = false;
   }
   return s.cwiseMax(lower).cwiseMin(upper);
@@ -82,9 +86,9 @@ bool fit_within(const BoundedProblem& problem, const BoundedOptions& options, Ei
     const Eigen::MatrixXd h = jacobian.transpose() * jacobian;
     const Eigen::VectorXd g = jacobian.transpose() * r;
     scale = scale.cwiseMax(h.diagonal());
-    const Eigen::VectorXd damped = scale.cwiseMax(kLeastScale * scale.maxCoeff());
+    const Eigen::VectorXd damped = scale.cwiseMax(kMinColumnRatio * scale.maxCoeff());
     bool better = false, ends = false;
-    while (!better && round < options.rounds && damping < kMostDamping) {
+    while (!better && round < options.rounds && damping < kMaxDamping) {
       ++round;
       Eigen::MatrixXd with = h;
       with.diagonal() += damping * damped;
@@ -102,11 +106,11 @@ bool fit_within(const BoundedProblem& problem, const BoundedOptions& options, Ei
       Eigen::VectorXd left;
       const double now = problem.evaluate(there, left, nullptr) ? cost_of(left) : HUGE_VAL;
       const double gain = (cost - now) / promised;
-      if (gain > kLeastGain) {
+      if (gain > kMinDecreaseRatio) {
         better = true;
         ends = cost - now < options.tolerance * cost && promised < options.tolerance * cost;
         x = there, cost = now;
-        damping = std::max(kLeastDamping,
+        damping = std::max(kMinDamping,
                            damping * std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
         factor = 2.0;
       } else {
