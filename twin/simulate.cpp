@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -89,6 +90,11 @@ void run(const TwinOf<S>& model, const Segment& segment, Eigen::Index count, con
     keep(k, S(twin.step(piece) + (segment.command(k) - piece.end_position)), twin);
   }
 }
+
+constexpr int kStartRounds = 3;  // corrections of the starting state, at most
+// What a correction has to take from the sum of squares: this times what noise gives away to every
+// state that is fitted, its share of the rows. So neither noise nor rounding decides.
+constexpr double kGainOverChance = 3.0;
 
 /// One reading throughout, or two that an encoder's last digit changes between.
 bool stands(const Eigen::ArrayXd& readings) {
@@ -200,15 +206,28 @@ void simulate_with(const ModelOf<S>& model, const Model& values, const Segment& 
       !(stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))) {
     state.resize(static_cast<std::size_t>(twin.free_states()));
     const Start<S> start(model, twin.free_states(), input, settle);
-    // Friction depends on the starting motion, so a second round improves the estimate.
-    for (int round = 0; round < 3; ++round) {
+    // Friction depends on the starting motion, so further rounds improve the estimate. But what
+    // holds the axis at rest is not in the free responses: there a correction by the encoder's
+    // noise would set it swinging.
+    const double chance =
+        static_cast<double>(state.size()) / static_cast<double>(std::max<Eigen::Index>(settle, 1));
+    std::vector<S> trial = state;
+    double least = std::numeric_limits<double>::infinity();
+    for (int round = 0; round <= kStartRounds; ++round) {
       std::vector<S> miss;
-      run<S>(twin, segment, settle, input, state,
+      double squares = 0.0;
+      run<S>(twin, segment, settle, input, trial,
              [&](Eigen::Index k, const S& error, const TwinOf<S>&) {
-               if (k > 0) miss.push_back((segment.command(k) - segment.actual(k)) - error);
+               if (k == 0) return;
+               miss.push_back((segment.command(k) - segment.actual(k)) - error);
+               squares += value_of(miss.back()) * value_of(miss.back());
              });
+      if (!(squares * (1.0 + kGainOverChance * chance) < least)) break;
+      least = squares;
+      state = trial;
+      if (round == kStartRounds) break;
       const std::vector<S> correction = start.nearest(miss);
-      for (std::size_t i = 0; i < state.size(); ++i) state[i] += correction[i];
+      for (std::size_t i = 0; i < trial.size(); ++i) trial[i] += correction[i];
     }
   }
   run<S>(twin, segment, n, input, state,
