@@ -26,6 +26,9 @@ constexpr double kFittedShare = 2.0 / 3.0;
 constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
 // RMS over that of the law before, at most, to choose another law of friction.
 constexpr double kMaxRmsRatioOfLaw = 0.97;
+// RMS over noise floor up to which nothing more is tried: a law that would be chosen in place of
+// this one would have to leave less than the noise.
+constexpr double kMaxRmsOverFloorToStop = 1.0 / kMaxRmsRatioOfLaw;
 constexpr std::size_t kFreeElements = kind_of<MaxwellSlip>();
 constexpr std::ptrdiff_t kFittedOfLaw = 2;  // starts of one law that are fitted on
 
@@ -112,26 +115,35 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
   std::vector<std::size_t> kinds{kind_of<TwoMassLoadEncoder>(), kind_of<PlayLoadEncoder>()};
   // What is recorded beside the motor's encoder is that of the load. By one encoder alone play
   // outside the loop is not told from an error of the reading.
-  if (std::all_of(training.begin(), training.end(),
-                  [](const Segment& s) { return s.actual_motor.size() == s.size(); }))
+  const bool both_recorded = std::all_of(training.begin(), training.end(), [](const Segment& s) {
+    return s.actual_motor.size() == s.size();
+  });
+  if (both_recorded)
     kinds.insert(kinds.end(), {kind_of<TwoMassOutside>(), kind_of<PlayOutside>()});
   else
     kinds.insert(kinds.begin(), {kind_of<TwoMassMotorEncoder>(), kind_of<PlayMotorEncoder>()});
-  std::optional<JointFit> rigid;
   Candidates candidates{fitted, encoder_step, {}};
   std::vector<TwoMassFit>& all = candidates.all;
   bool found_two = false;
+  // The floor is that of one encoder.
+  const double noise = both_recorded ? 0.0 : kMaxRmsOverFloorToStop * noise_floor(training).rms;
+  const auto only_noise_left = [&] {
+    return std::any_of(all.begin(), all.end(),
+                       [&](const TwoMassFit& fit) { return fit.rms < noise; });
+  };
+  std::optional<JointFit> rigid;
+  if (!fitted.empty() && !validation.empty())
+    rigid = joint_fit(fitted, structure, search, encoder_step, true);
   // A rigid loop takes over a part of the vibration, with an integrator that the drive need not
-  // have: the other order is tried as well.
-  for (const int order : {structure.order, structure.order == 2 ? 3 : 2}) {
-    if (fitted.empty() || validation.empty()) break;
-    if (order != structure.order && options.order != 0) break;
+  // have: both orders are tried, that with fewer parameters first.
+  for (const int order : {2, 3}) {
+    if (!rigid || only_noise_left()) break;
+    if (order != structure.order && options.order != 0) continue;
     Structure of_order = structure;
     of_order.order = order;
     if (order == 3) std::erase(of_order.effects, kind_of<ConstantForce>());  // not observable
-    const auto loop = joint_fit(fitted, of_order, search, encoder_step, true);
-    if (order == structure.order) rigid = loop;
-    if (!rigid) break;
+    const auto loop =
+        order == structure.order ? rigid : joint_fit(fitted, of_order, search, encoder_step, true);
     const auto found = loop ? fit_two_masses(fitted, of_order, loop->model, loop->model, kinds,
                                              encoder_step, determined)
                             : std::nullopt;
@@ -142,16 +154,19 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
     if (options.friction) {
       candidates.add_with_law(first, *options.friction);
     } else {
-      if (std::find(kLawsOnLoad.begin(), kLawsOnLoad.end(), law) == kLawsOnLoad.end())
+      if (first.rms < noise ||
+          std::find(kLawsOnLoad.begin(), kLawsOnLoad.end(), law) == kLawsOnLoad.end())
         all.push_back(first);
-      for (const std::size_t other : kLawsOnLoad) candidates.add_with_law(first, other);
+      for (const std::size_t other : kLawsOnLoad) {
+        if (!only_noise_left()) candidates.add_with_law(first, other);
+      }
     }
+    // As beside modes: where more is left, the law of friction may have another virgin curve.
+    const auto best = std::min_element(all.begin(), all.end(), less_left);
+    if (options.friction.value_or(kFreeElements) == kFreeElements && best != all.end() &&
+        best->structure.order == order && !only_noise_left())
+      candidates.add_with_law(TwoMassFit(*best), kFreeElements);  // a copy: `all` grows
   }
-  // As beside modes: where much is left, the law of friction may have another virgin curve.
-  const auto best = std::min_element(all.begin(), all.end(), less_left);
-  if (options.friction.value_or(kFreeElements) == kFreeElements && best != all.end() &&
-      best->rms > kMinRmsOverFloorToGoOn * noise_floor(training).rms)
-    candidates.add_with_law(TwoMassFit(*best), kFreeElements);  // a copy: `all` grows
   if (all.empty()) {
     if (options.masses == Masses::kTwo && found_two && options.friction)
       throw std::runtime_error(

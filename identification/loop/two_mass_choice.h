@@ -14,9 +14,9 @@ namespace servotwin {
 
 /// The model of two masses to refine on all training data; nothing where a rigid axis with this
 /// structure is kept. A law of friction asked for is kept; else several are compared, and friction
-/// with free elements where much is left. `search`: for the rigid axis, from which the two masses
-/// start. Adds to `trials` what was compared. Throws std::runtime_error where two masses are
-/// demanded and have no valid fit.
+/// with free elements where more than noise is left. `search`: for the rigid axis, from which the
+/// two masses start. Adds to `trials` what was compared. Throws std::runtime_error where two masses
+/// are demanded and have no valid fit.
 [[nodiscard]] std::optional<TwoMassFit> chosen_masses(
     const std::string& axis, const std::vector<Segment>& training, const Structure& structure,
     const PoleSearchOptions& search, const IdentifyOptions& options, double encoder_step,

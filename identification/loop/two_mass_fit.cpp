@@ -29,8 +29,8 @@ constexpr int kMostFitsToAll = 2;  // if the first one is not plausible
 // Starts of the grid that are tried in a few rounds on the shorter part, of one kind and in all,
 // and those of them that are fitted on.
 constexpr std::ptrdiff_t kTriedOfKind = 4, kTriedStarts = 16, kFittedStarts = 6;
-// The same beside other causes: with their parameters a round takes several times as long, and the
-// rigid loop beside them is nearer.
+// The same beside other causes, for springs as well: with their parameters a round takes several
+// times as long, and the rigid loop beside them is nearer.
 constexpr std::ptrdiff_t kTriedOfKindBesideCauses = 2, kTriedStartsBesideCauses = 6,
                          kFittedStartsBesideCauses = 3;
 // On the shorter part, over that of the model to beat, above which a start beside causes is given
@@ -221,9 +221,20 @@ Effect with_free_elements(const Effect& old, double form) {
   return out;
 }
 
-/// A spring of each of these kinds, by which the loop is closed or which encoder is recorded, and
-/// the same with Coulomb friction where the rigid axis has another law: that was fitted as if there
-/// were no spring.
+/// The same law and travel, its other shapes as they are in the catalogue.
+Effect with_plain_shapes(const Effect& law) {
+  Effect out = law;
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(law.kind)) {
+    if (i > 0) out.shape[i] = p.start;
+    ++i;
+  }
+  return out;
+}
+
+/// A spring of each of these kinds, by which the loop is closed or which encoder is recorded: with
+/// the friction of the rigid axis, and, since that was fitted as if there were no spring, with the
+/// plain shapes of its law, and with Coulomb friction of its level.
 std::vector<Start> springs_of(const std::vector<Segment>& segments, const Structure& structure,
                               const Model& rigid, const std::vector<std::size_t>& kinds) {
   std::vector<Start> out;
@@ -237,6 +248,10 @@ std::vector<Start> springs_of(const std::vector<Segment>& segments, const Struct
     for (std::size_t at = 0; at < one->model.effects.size(); ++at) {
       const Effect& old = one->model.effects[at];
       if (!is_friction_law(old.kind) || old.kind == kind_of<CoulombFriction>()) continue;
+      if (shapes_of(old.kind).size() > 1) {
+        out.push_back({one->model});
+        out.back().model.effects[at] = with_plain_shapes(old);
+      }
       out.push_back({one->model});
       out.back().model.effects[at] = with_law(old, kind_of<CoulombFriction>());
       break;
@@ -412,10 +427,14 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   for (Start& one : on_motor) share_of_friction(one.model) = kFrictionOnMotor;
   in_parallel(2 * sliding.size(), [&](std::size_t i) {
     fit((i % 2 == 0 ? on_load : on_motor)[i / 2], part, kFrictionRounds, 1,
-        {.effects = {}, .drive = true});
+        {.effects = causes_in(structure), .drive = true});
   });
   for (std::size_t i = 0; i < sliding.size(); ++i)
     fitted.push_back(on_motor[i].rms < on_load[i].rms ? on_motor[i] : on_load[i]);
+  if (beside) {
+    fit_and_sort(fitted, ranked, 3, {causes_in(structure)});
+    fitted.resize(std::min(fitted.size(), static_cast<std::size_t>(fit_on)));
+  }
   fitted.insert(fitted.end(), tried.begin(), tried.end());
   fit_and_sort(fitted, part, 8);
   const bool both_recorded = std::all_of(segments.begin(), segments.end(), [](const Segment& s) {

@@ -30,7 +30,8 @@ struct TwoMassStart {
 };
 
 /// `rigid`, of this structure, as two masses of this kind, without play, its friction of the level
-/// that shows, or scaled to the new gains, and mostly on the load: those that leave least. A spring
+/// that shows, or scaled to the new gains, and mostly on the load: of those that leave hardly more
+/// than the least, the one nearest to what machines usually have. A spring
 /// that is much faster than the loop leaves hardly less here than a rigid axis; whether there is
 /// one, only the reversals tell. Nothing where `rigid` has what these equations do not have (modes,
 /// a limit of the motor, a filter of the control), or where no phase is long enough.

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "tests/hidden_effects/brisk_moves.h"
+#include "tests/support/two_masses.h"
 #include "twin/two_mass_axis.h"
 
 namespace servotwin::hidden_effects {
@@ -40,14 +41,18 @@ Rig sprung(Family family) {
   return rig;
 }
 
-/// A rigid axis with Coulomb friction and the gains of the rig, but slower by half, as one that was
-/// fitted to a load on a spring.
-Model slow_rigid(const Rig& rig) {
-  constexpr double kSlower = 1.5;
-  const double gain = rig.drive.velocity_gain / rig.body.mass / kSlower,
-               position = rig.drive.position_gain / kSlower,
-               reset =
-                   rig.drive.integral_time > 0.0 ? 1.0 / rig.drive.integral_time / kSlower : 0.0;
+/// How many times slower than the drive a rigid axis is that was fitted to a load on a spring.
+struct Slower {
+  double gain = 1.5, position = 1.5;
+};
+
+/// A rigid axis with Coulomb friction and the gains of the rig, but slower.
+Model slow_rigid(const Rig& rig, const Slower& slower = {}) {
+  const double gain = rig.drive.velocity_gain / rig.body.mass / slower.gain,
+               position = rig.drive.position_gain / slower.position,
+               reset = rig.drive.integral_time > 0.0
+                           ? 1.0 / rig.drive.integral_time / slower.position
+                           : 0.0;
   Model out;
   out.sample_time_s = rig.reading.sample_time;
   out.loop.order = reset > 0.0 ? 3 : 2;
@@ -88,6 +93,36 @@ TEST_P(TwoMassStartOf, ASpringHasItWhateverTheLawOfFriction) {
 
 INSTANTIATE_TEST_SUITE_P(Laws, TwoMassStartOf,
                          testing::Values(Family::kCoulomb, Family::kMaxwell, Family::kLuGre));
+
+// Friction on the load hides the drive from a rigid axis, which was found ten times slower.
+TEST(TwoMassStartOfASlowLoop, IsThatOfTheDrive) {
+  Rig rig = test::two_masses(Family::kMaxwell, 150.0, 0.0);
+  rig.drive.position_from = rig.reading.recorded = Encoder::kMotor;
+  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
+  const Model rigid = slow_rigid(rig, {10.0, 2.8});
+  const auto start =
+      two_mass_start(axis.segments, structure_of(rigid), rigid, kind_of<TwoMassMotorEncoder>());
+  ASSERT_TRUE(start);
+  const double gain = rig.drive.velocity_gain / rig.body.mass;
+  EXPECT_GT(start->model.loop.denominator[0], 0.5 * gain);
+  EXPECT_LT(start->model.loop.denominator[0], 2.0 * gain);
+  const TwoMassParameters found = two_mass_parameters(*two_mass_of(start->model));
+  EXPECT_NEAR(found.omega / (2.0 * std::numbers::pi * rig.body.spring_frequency_hz), 1.0, 0.05);
+}
+
+// With its encoder at the load, damping and share of the load make up for each other while the axis
+// slides: what leaves least is a load of 3 %.
+TEST(TwoMassStartOfALoadEncoder, IsNoLoadThatIsFarTooLight) {
+  const Rig rig = test::two_masses(Family::kLuGre, 150.0, 0.0);
+  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
+  const Model rigid = slow_rigid(rig);
+  const auto start =
+      two_mass_start(axis.segments, structure_of(rigid), rigid, kind_of<TwoMassLoadEncoder>());
+  ASSERT_TRUE(start);
+  const TwoMassParameters found = two_mass_parameters(*two_mass_of(start->model));
+  EXPECT_GT(found.load_share, 0.3 * (1.0 - rig.body.motor_share));
+  EXPECT_LT(found.load_share, 1.5 * (1.0 - rig.body.motor_share));
+}
 
 // A load at a spring that is known to weigh: its weight belongs to the last gain, which the start
 // changes.

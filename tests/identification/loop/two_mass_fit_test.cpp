@@ -3,12 +3,15 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <optional>
 
 #include "drivers/recordings/recording_file.h"
 #include "identification/loop/identify.h"
+#include "tests/hidden_effects/brisk_moves.h"
 #include "tests/hidden_effects/cases.h"
 #include "tests/support/temporary_directory.h"
+#include "tests/support/two_masses.h"
 #include "twin/two_mass_axis.h"
 
 namespace servotwin {
@@ -60,6 +63,23 @@ TEST(LongTwoMasses, HaveTheLawOfFrictionThatIsAskedFor) {
     const Identified two = identified(machine, Masses::kTwo, true, law);
     EXPECT_NE(two_mass_of(two.record.model), nullptr);
     EXPECT_NE(two.record.model.find(law), nullptr) << identity_of(law).id;
+  }
+}
+
+// Of both orders the lower one is tried first, and is enough where only noise is left.
+TEST(LongTwoMasses, HaveTheIntegratorOfTheMachineOrNone) {
+  for (const double integral_time : {0.0, 0.02}) {
+    hidden_effects::Rig rig =
+        test::two_masses(hidden_effects::Friction::Family::kLuGre, 150.0, integral_time);
+    rig.drive.position_from = rig.reading.recorded = hidden_effects::Encoder::kMotor;
+    IdentifyOptions options;
+    options.method = Method::kJoint;
+    options.masses = Masses::kTwo;
+    const ModelRecord found =
+        identify(hidden_effects::recorded_brisk_moves(rig, 10), options).record;
+    EXPECT_EQ(found.model.loop.order, integral_time > 0.0 ? 3 : 2);
+    EXPECT_LT(found.holdout.rms,
+              1.3 * std::hypot(rig.reading.noise, rig.reading.step / std::sqrt(12.0)));
   }
 }
 
