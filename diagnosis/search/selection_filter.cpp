@@ -129,7 +129,7 @@ bool Selector::filter_does_better(Hypothesis mode) {
   }
   search_.polish(mode);
   search_.judge_polished(mode);  // as the filter is judged
-  // A mode claims more, but what has as many parameters has to be clearly better.
+  // A cause claims more, but what has as many parameters or more has to be clearly better.
   if (now_.current.rms() < kMaxRmsRatioClearlyBetter * mode.rms()) {
     filter_for_mode_ = true;
     return true;

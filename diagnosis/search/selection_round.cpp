@@ -76,8 +76,12 @@ bool Selector::add_one() {
                                   (1.0 - chosen->left()))
       chosen = rival;
   }
-  if (chosen->screened.kind == kind_of<Compliance>() &&
-      (delay_does_better(chosen->model) || filter_does_better(chosen->model)))
+  const auto is_for = [&](std::size_t kind) {
+    return identity_of(chosen->screened.kind).cause == identity_of(kind).cause;
+  };
+  if ((is_for(kind_of<Compliance>()) && delay_does_better(chosen->model)) ||
+      ((is_for(kind_of<Compliance>()) || is_for(kind_of<Backlash>())) &&
+       filter_does_better(chosen->model)))
     return add_one();
   steps_.push_back(text("  %s: added", identity_of(chosen->screened.kind).id.data()));
   Cause cause = cause_among(tried, *chosen, judged(*chosen, bar));

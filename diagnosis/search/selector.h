@@ -103,7 +103,7 @@ class Selector {
   [[nodiscard]] Hypothesis with_filter(const Screened& screened);
   /// Refits in free simulation until that hardly helps any more.
   void converge(Hypothesis& h);
-  /// Replaces a mode by a filter, which has as many parameters, where that fits clearly better.
+  /// Puts a filter in the place of this vibration or gap, where that fits clearly better.
   bool filter_does_better(Hypothesis mode);
   /// Where the filter alone leaves less than all causes found: takes it in their place.
   bool filter_in_place_of_causes();

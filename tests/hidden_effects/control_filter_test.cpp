@@ -66,6 +66,19 @@ TEST(ControlFilter, IsNotAddedForWhatItIsNot) {
   EXPECT_TRUE(tried);
 }
 
+// A filter is asked for before play is named; it must not stand for play that is there.
+TEST(ControlFilter, PlayBesideItIsNamed) {
+  Rig rig = filtered();
+  rig.body.spring_frequency_hz = 120.0;
+  rig.body.damping_ratio = 0.2;
+  rig.body.gap = 2e-5;
+  DiagnoseOptions options;
+  options.identify.method = Method::kJoint;
+  const Diagnosis diagnosis = diagnose(recorded_brisk_moves(rig, 8), options);
+  ASSERT_FALSE(diagnosis.causes.empty());
+  EXPECT_EQ(diagnosis.causes.front().id, "backlash");
+}
+
 TEST(ControlFilter, ACauseBesideItIsNamed) {
   Rig rig = filtered();
   rig.body.cogging = 8.0;
