@@ -26,8 +26,8 @@ constexpr double kFittedShare = 2.0 / 3.0;
 constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
 // RMS over that of the law before, at most, to choose another law of friction.
 constexpr double kMaxRmsRatioOfLaw = 0.97;
-// RMS over noise floor up to which nothing more is tried: a law that would be chosen in place of
-// this one would have to leave less than the noise.
+// RMS over noise floor up to which no other law is tried: to be chosen in place of this one it
+// would have to leave less than the noise.
 constexpr double kMaxRmsOverFloorToStop = 1.0 / kMaxRmsRatioOfLaw;
 constexpr std::size_t kFreeElements = kind_of<MaxwellSlip>();
 constexpr std::ptrdiff_t kFittedOfLaw = 2;  // starts of one law that are fitted on

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <numbers>
+#include <optional>
 
 #include "tests/hidden_effects/brisk_moves.h"
 #include "tests/support/two_masses.h"
@@ -74,14 +75,16 @@ Structure structure_of(const Model& model) {
   return out;
 }
 
+std::optional<TwoMassStart> start_of(const Rig& rig, const Model& rigid, std::size_t kind) {
+  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
+  return two_mass_start(axis.segments, structure_of(rigid), rigid, kind);
+}
+
 class TwoMassStartOf : public testing::TestWithParam<Family> {};
 
 TEST_P(TwoMassStartOf, ASpringHasItWhateverTheLawOfFriction) {
   const Rig rig = sprung(GetParam());
-  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
-  const Model rigid = slow_rigid(rig);
-  const auto start =
-      two_mass_start(axis.segments, structure_of(rigid), rigid, kind_of<TwoMassMotorEncoder>());
+  const auto start = start_of(rig, slow_rigid(rig), kind_of<TwoMassMotorEncoder>());
   ASSERT_TRUE(start);
   const TwoMassParameters found = two_mass_parameters(*two_mass_of(start->model));
   EXPECT_NEAR(found.omega / (2.0 * std::numbers::pi * rig.body.spring_frequency_hz), 1.0, 0.05);
@@ -98,10 +101,7 @@ INSTANTIATE_TEST_SUITE_P(Laws, TwoMassStartOf,
 TEST(TwoMassStartOfASlowLoop, IsThatOfTheDrive) {
   Rig rig = test::two_masses(Family::kMaxwell, 150.0, 0.0);
   rig.drive.position_from = rig.reading.recorded = Encoder::kMotor;
-  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
-  const Model rigid = slow_rigid(rig, {10.0, 2.8});
-  const auto start =
-      two_mass_start(axis.segments, structure_of(rigid), rigid, kind_of<TwoMassMotorEncoder>());
+  const auto start = start_of(rig, slow_rigid(rig, {10.0, 2.8}), kind_of<TwoMassMotorEncoder>());
   ASSERT_TRUE(start);
   const double gain = rig.drive.velocity_gain / rig.body.mass;
   EXPECT_GT(start->model.loop.denominator[0], 0.5 * gain);
@@ -114,10 +114,7 @@ TEST(TwoMassStartOfASlowLoop, IsThatOfTheDrive) {
 // slides: what leaves least is a load of 3 %.
 TEST(TwoMassStartOfALoadEncoder, IsNoLoadThatIsFarTooLight) {
   const Rig rig = test::two_masses(Family::kLuGre, 150.0, 0.0);
-  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
-  const Model rigid = slow_rigid(rig);
-  const auto start =
-      two_mass_start(axis.segments, structure_of(rigid), rigid, kind_of<TwoMassLoadEncoder>());
+  const auto start = start_of(rig, slow_rigid(rig), kind_of<TwoMassLoadEncoder>());
   ASSERT_TRUE(start);
   const TwoMassParameters found = two_mass_parameters(*two_mass_of(start->model));
   EXPECT_GT(found.load_share, 0.3 * (1.0 - rig.body.motor_share));
@@ -130,7 +127,6 @@ TEST(TwoMassStartOfAWeight, ScalesItWithTheGains) {
   Rig rig = sprung(Family::kCoulomb);
   rig.drive.integral_time = 0.0;
   rig.body.constant_force = 120.0;
-  const SegmentedAxis axis = recorded_brisk_moves(rig, kRoundsOfMoves);
   Model rigid = slow_rigid(rig);
   rigid.effects.push_back({});
   rigid.effects.back().kind = kind_of<ConstantForce>();
@@ -138,8 +134,7 @@ TEST(TwoMassStartOfAWeight, ScalesItWithTheGains) {
   const double stiffness = rig.drive.velocity_gain * rig.drive.position_gain / rig.body.mass;
   rigid.effects.back().coefficient[0] =
       rig.body.constant_force / rig.body.mass * rigid.loop.denominator[1] / stiffness;
-  const auto start =
-      two_mass_start(axis.segments, structure_of(rigid), rigid, kind_of<TwoMassMotorEncoder>());
+  const auto start = start_of(rig, rigid, kind_of<TwoMassMotorEncoder>());
   ASSERT_TRUE(start);
   EXPECT_NEAR(start->model.find(kind_of<ConstantForce>())->coefficient[0],
               rig.body.constant_force / rig.body.mass, 0.1);
