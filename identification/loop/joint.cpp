@@ -13,6 +13,7 @@ namespace servotwin {
 
 namespace {
 
+constexpr double kCoarseStep_s = 4e-3;  // of the data on which starts are compared
 // Optima whose costs differ by less than this share count as one.
 constexpr double kMaxCostDifferenceOfOneOptimum = 1e-4;
 // Quantisation RMS over residual RMS from which on the encoder hides the motion within its steps:
@@ -66,7 +67,7 @@ std::vector<Point> friction_starts(const Projection& data, const Structure& stru
   // Behind the shapes of that friction.
   const auto rest =
       rough.shapes.begin() + static_cast<std::ptrdiff_t>(first + shapes_of(held).size());
-  const Projection coarse = thinned(data, 4e-3);
+  const Projection coarse = thinned(data, kCoarseStep_s);
   std::vector<std::pair<double, Point>> best;
   for (const std::vector<double>& shapes :
        shape_grid(structure.effects[place], length_scale(data.segments()))) {
@@ -289,7 +290,15 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     const std::size_t held = begun ? kind_of<CoulombFriction>() : structure.effects[place];
     std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
     starts.insert(starts.end(), options.from.begin(), options.from.end());
-    auto fits = refined(data, starts, options, evaluations);
+    const auto from_starts = [&](const std::vector<Point>& from) {
+      if (!(step_s > 0.0)) return refined(data, from, options, evaluations);
+      for (const PoleFit& one : refined(thinned(data, kCoarseStep_s), from, options, evaluations)) {
+        if (auto found = refined(data, {one.point}, options, evaluations); !found.empty())
+          return found;
+      }
+      return std::vector<PoleFit>{};
+    };
+    auto fits = from_starts(starts);
     // Where quantisation dominates the model's error, the simulated motion is more accurate.
     for (int round = 0; round < 2 && !fits.empty(); ++round) {
       const Model model = model_of(fits.front().point, fits.front().solution.linear);
@@ -304,7 +313,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
         start.modes = fits.front().point.modes;
       }
       starts.push_back(fits.front().point);
-      auto better = refined(data, starts, options, evaluations);
+      auto better = from_starts(starts);
       starts.pop_back();
       if (better.empty()) break;
       fits = std::move(better);

@@ -67,8 +67,10 @@ class FirstStep {
 /// the coupling as the last effect if there is one; `encoder_step` [m | rad] is that of
 /// OutputErrorOptions. If `options.from` has a point (one is used), step 1 is left out and the
 /// point's shapes are a further start of step 3. `first`: the result of step 1 if it is known
-/// already. Steps 2 and 3 of a law of friction with memory, and the covariance of step 3, use data
-/// thinned to a step of at most `step_s`; 0: all. Nothing if no fit is finite.
+/// already. `step_s`: for a brief fit, steps 2 and 3 of a law of friction with memory, and the
+/// covariance of step 3, use data thinned to a step of at most that, and in step 3 all starts are
+/// fitted to fewer data first and only the best to these; 0: all starts to all data. Nothing if no
+/// fit is finite.
 [[nodiscard]] std::optional<JointFit> joint_fit(const std::vector<Segment>& segments,
                                                 const Structure& structure,
                                                 const PoleSearchOptions& options,
