@@ -245,7 +245,10 @@ S TwoMassAxisOf<S>::missing_contact(const S& deflection, const S& rate) const no
 template TwoMassEquationsOf<double> two_mass_equations(const Loop&, const TwoMassParameters&);
 template TwoMassEquationsOf<TwinDual> two_mass_equations(const LoopOf<TwinDual>&,
                                                          const TwoMassParametersOf<TwinDual>&);
+template TwoMassEquationsOf<DriveDual> two_mass_equations(const LoopOf<DriveDual>&,
+                                                          const TwoMassParametersOf<DriveDual>&);
 template class TwoMassAxisOf<double>;
 template class TwoMassAxisOf<TwinDual>;
+template class TwoMassAxisOf<DriveDual>;
 
 }  // namespace servotwin

@@ -115,7 +115,11 @@ struct TwoMassEquationsOf {
   State by_velocity{}, by_acceleration{}, by_motor_force{}, by_load_force{};
 };
 using TwoMassEquations = TwoMassEquationsOf<double>;
-/// Compiled for double and for TwinDual.
+/// Lanes for the derivatives by the parameters of loop and masses alone: six are used.
+inline constexpr std::size_t kDriveLanes = 8;
+using DriveDual = Dual<kDriveLanes>;
+
+/// Compiled for double, TwinDual and DriveDual.
 template <class S>
 [[nodiscard]] TwoMassEquationsOf<S> two_mass_equations(const LoopOf<S>& loop,
                                                        const TwoMassParametersOf<S>& parameters);
@@ -123,7 +127,7 @@ template <class S>
 /// Whether the loop is stable with these two masses, without play. Allocates.
 [[nodiscard]] bool stable(const Loop& loop, const TwoMassParameters& parameters);
 
-/// Compiled for double and for TwinDual.
+/// Compiled for double, TwinDual and DriveDual.
 template <class S>
 class TwoMassAxisOf {
  public:

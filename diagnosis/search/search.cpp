@@ -234,12 +234,13 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   return true;
 }
 
-bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to_beat,
+bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to_beat, double most,
                          const std::vector<std::size_t>& kinds,
-                         const std::vector<std::size_t>& laws, double worth) {
+                         const std::vector<std::size_t>& laws) {
   ++fits_;
-  auto found = servotwin::fit_two_masses(training_, rigid.structure, rigid.model, to_beat, kinds,
-                                         floor_.encoder_step,
+  const double worth = servotwin::judge(to_beat, training_).rms;
+  auto found = servotwin::fit_two_masses(training_, rigid.structure, rigid.model, to_beat, most,
+                                         kinds, floor_.encoder_step,
                                          [this](const Model& m) { return is_plausible(m); });
   if (!found) return false;
   // Not with play, where the laws took a third of a diagnosis and gained little: 0.100 instead of

@@ -37,12 +37,12 @@ class Search {
   /// and refitted in free simulation.
   [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
   /// Fits an axis of two masses, of the best of these kinds, in place of the rigid axis of `rigid`;
-  /// `to_beat` is the best model without them. If that leaves an RMS below `worth` in the training
-  /// data, these laws of friction are tried in place of Coulomb friction. False where no valid fit
-  /// is better than `rigid`.
+  /// `to_beat` is the best model without them, `most` the RMS in the training data above which two
+  /// masses are of no use. Below that of the model to beat, these laws of friction are tried in
+  /// place of Coulomb friction. False where no valid fit is better than `rigid`.
   [[nodiscard]] bool part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to_beat,
-                                 const std::vector<std::size_t>& kinds,
-                                 const std::vector<std::size_t>& laws, double worth);
+                                 double most, const std::vector<std::size_t>& kinds,
+                                 const std::vector<std::size_t>& laws);
   /// Fits an effect of this kind in free simulation while the model `held` is fixed, and judges it
   /// as `judge` does, with the parameters of the effect from the other blocks. False where there is
   /// no valid fit.

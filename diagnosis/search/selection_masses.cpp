@@ -26,13 +26,18 @@ constexpr double kMinRmsOverFloorUnscreened = 4.0;
 // much as two masses have to explain. The filter has taken what a strongly damped load would do.
 constexpr double kMinGainBesideFilter = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
 
-/// The RMS of two masses over that of the model without them, below which they are accepted.
-double max_ratio(const Model& two_masses, const Model& without) {
+/// The RMS of a spring over that of the model without it, below which it is accepted.
+double max_ratio_of_spring(const Model& without) {
   const Effect* mode = without.find(kind_of<Compliance>());
   constexpr double kScale = 1.0;  // a vibration has no lengths
-  return mode != nullptr && at_end_of("compliance", without, *mode, kScale) && !plays(two_masses)
+  return mode != nullptr && at_end_of("compliance", without, *mode, kScale)
              ? kMaxRmsRatioOfSpring
              : kMaxRmsRatioClearlyBetter;
+}
+
+/// The same of two masses of either kind.
+double max_ratio(const Model& two_masses, const Model& without) {
+  return plays(two_masses) ? kMaxRmsRatioClearlyBetter : max_ratio_of_spring(without);
 }
 
 }  // namespace
@@ -53,7 +58,8 @@ bool Selector::part_masses() {
     options_.begin("two masses");
     Hypothesis h;
     if (rigid.structure.effects.empty() ||
-        !search_.part_masses(h, rigid, now_.current.model, kinds, laws, left))
+        !search_.part_masses(h, rigid, without.model, max_ratio_of_spring(without.model) * left,
+                             kinds, laws))
       return;
     // The cross-validation takes as long as four fits.
     if (!(left_by(h) < max_ratio(h.model, without.model) * left)) return;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -144,7 +145,8 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
     if (order == 3) std::erase(of_order.effects, kind_of<ConstantForce>());  // not observable
     const auto loop =
         order == structure.order ? rigid : joint_fit(fitted, of_order, search, encoder_step, true);
-    const auto found = loop ? fit_two_masses(fitted, of_order, loop->model, loop->model, kinds,
+    const auto found = loop ? fit_two_masses(fitted, of_order, loop->model, loop->model,
+                                             std::numeric_limits<double>::infinity(), kinds,
                                              encoder_step, determined)
                             : std::nullopt;
     if (!found) continue;

@@ -35,14 +35,15 @@ using Plausible = std::function<bool(const Model&)>;
 /// The best plausible one of these kinds of effects that make an axis one of two masses, beside the
 /// effects of `rigid`. One with play must be clearly better than the same without it. `to_beat`:
 /// the best model without two masses, which may be `rigid`; what stays far behind it after some
-/// rounds is not fitted on. The law of friction may have become that of Coulomb. Nothing if none is
-/// valid, or better than `rigid`.
-[[nodiscard]] std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
-                                                       const Structure& structure,
-                                                       const Model& rigid, const Model& to_beat,
-                                                       const std::vector<std::size_t>& kinds,
-                                                       double encoder_step,
-                                                       const Plausible& plausible);
+/// rounds is not fitted on. `most`: the RMS [m | rad] above which two masses are of no use. A
+/// spring whose fit to the phases of sliding leaves clearly more is not fitted, nor one that leaves
+/// more there than another leaves of all, where no causes are beside them; neither is asked where
+/// both encoders are recorded. The law of friction may have become that of Coulomb. Nothing if none
+/// is valid, or better than `rigid`.
+[[nodiscard]] std::optional<TwoMassFit> fit_two_masses(
+    const std::vector<Segment>& segments, const Structure& structure, const Model& rigid,
+    const Model& to_beat, double most, const std::vector<std::size_t>& kinds, double encoder_step,
+    const Plausible& plausible);
 
 /// Laws of friction that are tried on the load: the friction of a rigid axis that was fitted to a
 /// load on a spring stands for a part of the spring.

@@ -17,7 +17,6 @@
 #include "identification/least_squares/unit_columns.h"
 #include "identification/recording/signals.h"
 #include "twin/linear_algebra.h"
-#include "twin/resolution.h"
 #include "twin/twin.h"
 #include "twin/two_mass_axis.h"
 
@@ -57,6 +56,7 @@ constexpr double kUnsolved = 1e300;
 // integrator). Where the motor's encoder closes the loop, gain and reset are a2 / a1 and a3 / a2.
 enum Place : std::size_t { kGain, kPosition, kFrequency, kDamping, kMasses, kResets, kPlaces };
 using DriveCoordinates = std::array<double, kPlaces>;
+static_assert(kPlaces <= kDriveLanes);
 
 template <class S>
 struct DriveOf {
@@ -251,32 +251,35 @@ class TwoMassProjection {
 
   /// Kaufman's Jacobian of the residual by the coordinates; its gradient is exact.
   [[nodiscard]] Eigen::MatrixXd jacobian(const DriveCoordinates& x, const Solution& at) const {
-    std::array<TwinDual, kPlaces> unknowns;
-    for (std::size_t i = 0; i < kPlaces; ++i) unknowns[i] = unknown(x[i], i);
-    DriveOf<TwinDual> drive = drive_at(unknowns.data(), order_, encoders_);
+    std::array<DriveDual, kPlaces> unknowns;
+    for (std::size_t i = 0; i < kPlaces; ++i) {
+      unknowns[i] = x[i];
+      unknowns[i].by[i] = 1.0;
+    }
+    DriveOf<DriveDual> drive = drive_at(unknowns.data(), order_, encoders_);
     for (std::size_t j = 0; j < kMaxOrder; ++j) drive.loop.numerator[j] = at.command[j];
     Eigen::MatrixXd out(rows_, static_cast<Eigen::Index>(kPlaces));
-    TwoMassAxisOf<TwinDual> axis;
+    TwoMassAxisOf<DriveDual> axis;
     double step = 0.0;
     Eigen::Index row = 0;
     for (std::size_t p = 0; p < phases_.size(); ++p) {
       const Phase& s = phases_[p];
       if (s.h != step) step = s.h, axis.discretise(drive.loop, drive.parameters, step);
-      TwoMassAxisOf<TwinDual>::State state{};
+      TwoMassAxisOf<DriveDual>::State state{};
       for (int i = 0; i < axis.states(); ++i)
         state[static_cast<std::size_t>(i)] = at.starting[p](i);
       const Eigen::VectorXd friction = s.friction * at.friction;
-      const TwinDual stiffer =
+      const DriveDual stiffer =
           drive.loop.denominator[static_cast<std::size_t>(order_ - 1)] / last_gain_;
       const auto forces = [&](Eigen::Index k) {
-        return TwoMassAxisOf<TwinDual>::Forces{
+        return TwoMassAxisOf<DriveDual>::Forces{
             s.on_motor(k), stiffer * s.resisting(k) + (s.on_load(k) + friction(k))};
       };
       for (Eigen::Index k = 0; k < s.size(); ++k) {
-        const TwinDual error = reading(state);
+        const DriveDual error = reading(state);
         for (Eigen::Index i = 0; i < out.cols(); ++i) out(row + k, i) = -error.by(i);
         if (k + 1 == s.size()) break;
-        CommandPieceOf<TwinDual> piece;
+        CommandPieceOf<DriveDual> piece;
         piece.velocity = s.command.first(k);
         piece.acceleration = s.command.second(k);
         piece.jerk = s.command.third(k);
@@ -554,12 +557,17 @@ std::optional<TwoMassStart> two_mass_start(const std::vector<Segment>& segments,
   for (const Segment& s : segments)
     fastest = std::max(fastest, signals_of(s).velocity.abs().maxCoeff());
   std::vector<Phase> phases;
+  double duration_s = 0.0;
   for (const Segment& s : segments) {
     if (!add_phases(s, rigid, kSlidingShare * fastest, phases)) return std::nullopt;
+    duration_s += s.sample_time_s * static_cast<double>(s.size() - s.lead);
   }
   if (phases.empty()) return std::nullopt;
-  double step_s = 0.0;
-  for (const Phase& s : phases) step_s = std::max(step_s, s.h);
+  double step_s = 0.0, sliding_s = 0.0;
+  for (const Phase& s : phases) {
+    step_s = std::max(step_s, s.h);
+    sliding_s += s.h * static_cast<double>(s.size());
+  }
   Effect axis;
   axis.kind = kind;
   const TwoMassProjection data(std::move(phases), structure, rigid.loop,
@@ -624,7 +632,9 @@ std::optional<TwoMassStart> two_mass_start(const std::vector<Segment>& segments,
   const Found led = led_to_usual(data, box, rms_of(*best), *best);
   auto model = model_at(led, data, rigid, kind);
   if (!model) return std::nullopt;
-  return TwoMassStart{std::move(*model), rms_of(led)};
+  const double in_phases = std::sqrt(2.0 * best->cost / static_cast<double>(data.rows()));
+  return TwoMassStart{std::move(*model), rms_of(led),
+                      in_phases * std::sqrt(sliding_s / duration_s)};
 }
 
 }  // namespace servotwin

@@ -27,6 +27,10 @@ namespace servotwin {
 struct TwoMassStart {
   Model model;
   double rms = 0.0;  ///< in the phases of sliding [m | rad]
+  /// The RMS over all samples if the error outside of these phases were 0 [m | rad]: nearly a lower
+  /// bound of what this kind leaves in free simulation with these known forces. It is too large
+  /// where friction builds up over a travel that is longer than the way to the begin of a phase.
+  double least = 0.0;
 };
 
 /// `rigid`, of this structure, as two masses of this kind, without play, its friction of the level

@@ -213,7 +213,7 @@ class Fits {
   /// The error that the program's own search for two masses leaves.
   double as_two_masses(const Hypothesis& rigid, std::size_t kind) {
     Hypothesis h;
-    return search_.part_masses(h, rigid, rigid.model, {kind}, {}, kNone) ? refined(h) : kNone;
+    return search_.part_masses(h, rigid, rigid.model, kNone, {kind}, {}) ? refined(h) : kNone;
   }
 
   /// What a hypothesis leaves once it is refitted in free simulation.

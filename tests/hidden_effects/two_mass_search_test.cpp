@@ -4,9 +4,11 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <numbers>
 #include <optional>
 
+#include "identification/loop/two_mass_fit.h"
 #include "tests/hidden_effects/brisk_moves.h"
 #include "tests/support/two_masses.h"
 #include "twin/two_mass_axis.h"
@@ -140,6 +142,53 @@ TEST(TwoMassStartOfAWeight, ScalesItWithTheGains) {
               rig.body.constant_force / rig.body.mass, 0.1);
   const TwoMassParameters found = two_mass_parameters(*two_mass_of(start->model));
   EXPECT_NEAR(found.omega / (2.0 * std::numbers::pi * rig.body.spring_frequency_hz), 1.0, 0.05);
+}
+
+// A rigid axis whose screw has a ripple: no spring explains it, whatever the law of friction.
+class TwoMassStartOfARipple : public testing::Test {
+ protected:
+  TwoMassStartOfARipple() {
+    Rig rig = machine(Family::kLuGre);
+    rig.body.cogging = 8.0;
+    axis_ = recorded_brisk_moves(rig, kRoundsOfMoves);
+    rigid_ = slow_rigid(rig);
+    start_ = two_mass_start(axis_.segments, structure_of(rigid_), rigid_, kKind);
+  }
+
+  static constexpr std::size_t kKind = kind_of<TwoMassMotorEncoder>();
+  SegmentedAxis axis_;
+  Model rigid_;
+  std::optional<TwoMassStart> start_;
+};
+
+TEST_F(TwoMassStartOfARipple, SaysWhatASpringLeavesAtLeast) {
+  constexpr int kRoundsOfFit = 30, kPassesOfFit = 2;
+  ASSERT_TRUE(start_);
+  EXPECT_GT(start_->least, 10.0 * kEncoderNoise);
+  for (const std::size_t law : {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<MaxwellSlip>()}) {
+    const auto begun = with_law({structure_of(start_->model), start_->model}, law);
+    const auto fit = refined(*begun, axis_.segments, 0.0, kRoundsOfFit, kPassesOfFit);
+    ASSERT_TRUE(fit);
+    EXPECT_GT(fit->rms, 0.95 * start_->least);
+  }
+}
+
+TEST_F(TwoMassStartOfARipple, IsNotFittedWhereLessIsAsked) {
+  const auto fit_below = [&](double most) {
+    return fit_two_masses(axis_.segments, structure_of(rigid_), rigid_, rigid_, most, {kKind}, 0.0,
+                          [](const Model&) { return true; });
+  };
+  ASSERT_TRUE(start_);
+  EXPECT_TRUE(fit_below(std::numeric_limits<double>::infinity()));
+  EXPECT_FALSE(fit_below(0.8 * start_->least));
+}
+
+TEST(TwoMassStart, OfASpringLeavesTheNoiseAtLeast) {
+  const Rig rig = sprung(Family::kLuGre);
+  const auto start = start_of(rig, slow_rigid(rig), kind_of<TwoMassMotorEncoder>());
+  ASSERT_TRUE(start);
+  EXPECT_GT(start->least, 0.5 * kEncoderNoise);
+  EXPECT_LT(start->least, 1.05 * kEncoderNoise);
 }
 
 TEST(TwoMassStart, IsNoneBesideAFilterOrAtRest) {
