@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <regex>
 #include <sstream>
 #include <stdexcept>
 
@@ -17,7 +18,10 @@ namespace servotwin {
 std::vector<std::string> Answer::complaints() const {
   std::vector<std::string> lines;
   std::istringstream stream(err);
-  for (std::string line; std::getline(stream, line);) lines.push_back(line);
+  const std::regex progress("[a-z]+ing .*, [0-9]+ s");
+  for (std::string line; std::getline(stream, line);) {
+    if (!std::regex_match(line, progress)) lines.push_back(line);
+  }
   return lines;
 }
 

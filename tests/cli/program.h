@@ -16,7 +16,8 @@ struct Answer {
   int status = -1;  ///< exit status; 128 + the signal that ended it
   std::string out, err;
 
-  /// The lines of standard error.
+  /// The lines of standard error, without the progress that work of more than ten seconds tells:
+  /// how long it takes depends on the machine.
   [[nodiscard]] std::vector<std::string> complaints() const;
 };
 std::ostream& operator<<(std::ostream& out, const Answer& answer);
