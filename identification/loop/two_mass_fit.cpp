@@ -45,7 +45,7 @@ constexpr double kMaxRmsRatioOfSpringToGoOn = 3.0;  // the same of a spring, on 
 // How far what a spring may leave at least (two_mass_search.h) may be above what is asked for: the
 // forces of causes are known of a rigid axis, and a phase begins before all of the friction that
 // builds up over a travel has done so.
-constexpr double kLeastOverMost = 1.1;
+constexpr double kMarginOfLeast = 1.1;
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on either part, over that without play
 
 // Contacts are stiff: two frequencies are near enough.
@@ -331,7 +331,7 @@ class Contest {
   std::optional<TwoMassFit> winner(double most) {
     std::vector<Spring> springs = springs_of(segments_, structure_, rigid_, kinds_);
     // Of both encoders the mean counts, of which that of the load alone says nothing.
-    if (!both_recorded_) exclude_above(kLeastOverMost * most, springs);
+    if (!both_recorded_) exclude_above(kMarginOfLeast * most, springs);
     if (causes_.empty()) {
       fit_each(springs);
     } else {
