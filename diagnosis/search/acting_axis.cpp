@@ -31,8 +31,7 @@ double share_of_neighbour(const Model& model, const std::vector<Segment>& beside
     return !is_friction_law(effect.kind) && effect.kind != kind_of<TimeDelay>();
   });
   loop.loop.modes.clear();
-  const Projection coarse =
-      thinned(Projection(std::move(signals), structure_of(loop)), kScreenStep_s);
+  const Projection coarse = thinned(signals, structure_of(loop), kScreenStep_s);
   constexpr double kAnyEncoder = 0.0;  // its step matters for periods of position alone
   return Screen(coarse, point_of(loop), without, left_by_simulation(coarse, beside, without),
                 kAnyEncoder)

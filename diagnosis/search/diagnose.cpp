@@ -452,7 +452,7 @@ double left_by_order(int order, const SegmentedAxis& axis, double share, const P
   structure.order = order;
   structure.effects = {kind_of<CoulombFriction>()};
   if (order == 2) structure.effects.push_back(kind_of<ConstantForce>());
-  const Projection data = thinned(Projection(std::move(signals), structure), kStep_s);
+  const Projection data = thinned(signals, structure, kStep_s);
   const auto found = pole_search(data, search);
   return found ? std::sqrt(2.0 * found->solution.cost / static_cast<double>(data.rows())) : 1e300;
 }

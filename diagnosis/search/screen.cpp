@@ -84,6 +84,7 @@ Screen::Screen(const std::vector<Signals>& segments, const Model& model, Eigen::
 }
 
 void Screen::prepare() {
+  beside_.emplace(segments_, model_.loop, model_.command_delay_s());
   Eigen::Index row = 0;
   double low = 1e300, high = -1e300;
   Eigen::VectorXd counts = Eigen::VectorXd::Zero(left_.size());
@@ -126,19 +127,20 @@ double Screen::shortest_period() const {
 }
 
 Eigen::MatrixXd Screen::columns(std::size_t kind, const std::vector<double>& shapes) const {
-  return effect_columns(segments_, model_.loop, model_.command_delay_s(), kind, shapes);
+  return beside_->of(kind, shapes);
 }
 
 /// The squared error that the columns explain beyond the tangent space.
 double Screen::explained(const Eigen::MatrixXd& given) const {
-  Eigen::MatrixXd c = given;
-  c.noalias() -= basis_ * (basis_.transpose() * given);
-  const Eigen::MatrixXd gram = c.transpose() * c;
-  const Eigen::VectorXd right = c.transpose() * left_;
+  // The Gram matrix of what the tangent space leaves of the columns, as a difference: its rounding
+  // error is far below what is added. The residual has no part in that space.
+  const Eigen::MatrixXd inside = basis_.transpose() * given;
+  Eigen::MatrixXd safe = given.transpose() * given;
+  const Eigen::VectorXd size = safe.diagonal();
+  safe.noalias() -= inside.transpose() * inside;
+  const Eigen::VectorXd right = given.transpose() * left_;
   // A column inside the tangent space explains only rounding errors.
-  Eigen::MatrixXd safe = gram;
-  for (Eigen::Index i = 0; i < c.cols(); ++i)
-    safe(i, i) += 1e-7 * given.col(i).squaredNorm() + 1e-300;
+  safe.diagonal().array() += 1e-7 * size.array() + 1e-300;
   return right.dot(solve_symmetric(safe, right));
 }
 

@@ -11,9 +11,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "diagnosis/statistics/pieces.h"
+#include "identification/loop/effect_columns.h"
 #include "identification/loop/projection.h"
 
 namespace servotwin {
@@ -64,9 +66,10 @@ class Screen {
 
   const std::vector<Signals>& segments_;
   Model model_;
-  Eigen::VectorXd left_;     // r; 0 in samples that are not used
-  Eigen::MatrixXd tangent_;  // J, unit columns
-  Eigen::MatrixXd basis_;    // of the space of J, orthonormal
+  std::optional<EffectColumns> beside_;  // columns of candidates beside the model
+  Eigen::VectorXd left_;                 // r; 0 in samples that are not used
+  Eigen::MatrixXd tangent_;              // J, unit columns
+  Eigen::MatrixXd basis_;                // of the space of J, orthonormal
   std::vector<Piece> pieces_;
   double travel_ = 0.0, begin_s_ = 0.0, end_s_ = 0.0, encoder_step_ = 0.0;
 };

@@ -112,9 +112,7 @@ void Search::divide() {
 void Search::follow(const Hypothesis& h) {
   followed_ = Driver{h.model, servotwin::judge(h.model, training_).rms, false};
   const auto left = [&] {
-    return thinned(Projection(signals(training_, followed_), h.structure), kFitStep_s)
-        .solve(h.point)
-        .cost;
+    return thinned(signals(training_, followed_), h.structure, kFitStep_s).solve(h.point).cost;
   };
   const double by_encoder = left();
   followed_->knows_motion = true;
@@ -213,7 +211,7 @@ bool Search::only_in_simulation(const Structure& structure) const {
 
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   if (only_in_simulation(h.structure)) return refit_in_simulation(h);
-  const Projection all = thinned(Projection(training_signals_, h.structure), kFitStep_s);
+  const Projection all = thinned(training_signals_, h.structure, kFitStep_s);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
@@ -452,7 +450,7 @@ Screen Search::simulated_screen(const Projection& coarse, const Hypothesis& h) c
 
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
-  const Projection coarse = thinned(Projection(training_signals_, h.structure), kScreenStep_s);
+  const Projection coarse = thinned(training_signals_, h.structure, kScreenStep_s);
   const Screen screen = only_in_simulation(h.structure)
                             ? simulated_screen(coarse, h)
                             : Screen(coarse, h.point, floor_.encoder_step);

@@ -183,7 +183,7 @@ class ForceFilter {
   }
 
   FilterBank<N> bank_;
-  const std::vector<Mode>& modes_;
+  std::vector<Mode> modes_;
   std::vector<FilterBank<2>> banks_;
 };
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "identification/least_squares/parallel.h"
+#include "identification/loop/effect_columns.h"
 #include "identification/loop/structure_choice.h"
 #include "identification/recording/motion_range.h"
 #include "identification/recording/noise_floor.h"
@@ -150,10 +151,11 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
     for (const double share : kDecelerations)
       tried.push_back({width, std::clamp(share * *at_quantile, shapes[2].lower, shapes[2].upper)});
   }
+  if (tried.empty()) return std::nullopt;
+  const EffectColumns beside(fine, rigid.loop, rigid.command_delay_s());
   in_parallel(tried.size(), [&](std::size_t i) {
     GapFound& one = tried[i];
-    const Eigen::MatrixXd steps = effect_columns(fine, rigid.loop, rigid.command_delay_s(), kind,
-                                                 {one.width, velocity_limit, one.deceleration});
+    const Eigen::MatrixXd steps = beside.of(kind, {one.width, velocity_limit, one.deceleration});
     Eigen::MatrixXd columns(rows, steps.cols());
     Eigen::Index from = 0, to = 0;
     for (std::size_t s = 0; s < segments.size(); ++s) {
@@ -166,7 +168,6 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
     columns -= basis * (basis.transpose() * columns);
     one.explained = explained(columns.col(1), columns.col(0), left, one.load_share) / all;
   });
-  if (tried.empty()) return std::nullopt;
   GapFound best = *std::max_element(
       tried.begin(), tried.end(),
       [](const GapFound& l, const GapFound& r) { return l.explained < r.explained; });

@@ -274,10 +274,11 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     fit = pole_search(Projection(signals, simple), from);
     if (!fit) return std::nullopt;
   }
-  const auto thin = [&](Projection all) {
-    return simplest || !(step_s > 0.0) ? std::move(all) : thinned(all, step_s);
+  const auto projection = [&](std::vector<Signals> all) {
+    return simplest || !(step_s > 0.0) ? Projection(std::move(all), structure)
+                                       : thinned(all, structure, step_s);
   };
-  Projection data = thin(Projection(std::move(signals), structure));
+  Projection data = projection(std::move(signals));
   const auto model_of = [&](const Point& at, const Eigen::VectorXd& linear) {
     Model model = data.model_of(at, linear);
     model.sample_time_s = segments.front().sample_time_s;  // of the data before thinning
@@ -307,7 +308,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
       if (!why_invalid(model).empty() ||
           encoder_step / std::sqrt(12.0) < kMinQuantisationShare * left)
         break;
-      data = thin(Projection(along_simulation(segments, model), structure));
+      data = projection(along_simulation(segments, model));
       for (Point& start : starts) {
         start.denominator = fits.front().point.denominator;
         start.modes = fits.front().point.modes;

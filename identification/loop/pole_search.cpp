@@ -172,6 +172,7 @@ double mean_lag_s(const std::vector<Signals>& segments) {
 struct Candidate {
   Point point;
   double cost = 0.0;
+  bool converged = false;  // to an optimum of the data
 };
 
 PoleSet first_inside(const Loop& loop, const PoleBounds& bounds) {
@@ -277,6 +278,7 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
   out.point = cost->point(blocks.data());
   out.cost =
       summary.IsSolutionUsable() ? summary.final_cost / (cost->unit() * cost->unit()) : 1e300;
+  out.converged = summary.termination_type == ceres::CONVERGENCE;
   return out;
 }
 
@@ -355,12 +357,19 @@ std::optional<PoleSet> inside(const Loop& loop, const PoleBounds& b, double tole
   return std::nullopt;
 }
 
-Projection thinned(const Projection& data, double step_s) {
-  int every = static_cast<int>(std::floor(step_s / data.segments().front().h + 1e-9));
-  while (every > 1 && data.rows() / every < 1000) --every;
+Projection thinned(const std::vector<Signals>& segments, const Structure& structure, double step_s,
+                   bool free_response) {
+  Eigen::Index rows = 0;
+  for (const Signals& s : segments) rows += s.size();
+  int every = static_cast<int>(std::floor(step_s / segments.front().h + 1e-9));
+  while (every > 1 && rows / every < 1000) --every;
   std::vector<Signals> thin;
-  for (const Signals& s : data.segments()) thin.push_back(decimated(s, every));
-  return {std::move(thin), data.structure(), data.has_free_response()};
+  for (const Signals& s : segments) thin.push_back(decimated(s, every));
+  return {std::move(thin), structure, free_response};
+}
+
+Projection thinned(const Projection& data, double step_s) {
+  return thinned(data.segments(), data.structure(), step_s, data.has_free_response());
 }
 
 std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptions& options) {
@@ -428,7 +437,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
                                    [&](const auto& s) { return apart(s, candidate) > 0.4; });
     if (fresh) seeds.push_back(candidate);
   }
-  for (const Point& point : options.from) seeds.push_back({point, 0.0});
+  for (const Point& point : options.from) seeds.push_back({point});
   refined.resize(seeds.size());
   std::vector<int> evaluations(seeds.size());
   in_parallel(seeds.size(), [&](std::size_t i) {
@@ -448,7 +457,12 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
                     [&](const auto& u) { return apart(u, candidate) < 0.02; }))
       continue;
     used.push_back(candidate);
-    finals.push_back(refine(data, Chart::kStable, candidate, bounds, options, 60, fit.evaluations));
+    // Where nothing was left out, this is the fit to all data already.
+    const bool ended = coarse.rows() == data.rows() && candidate.converged &&
+                       ranking.tolerance == options.tolerance;
+    finals.push_back(
+        ended ? candidate
+              : refine(data, Chart::kStable, candidate, bounds, options, 60, fit.evaluations));
   }
   std::sort(finals.begin(), finals.end(),
             [](const auto& l, const auto& r) { return l.cost < r.cost; });

@@ -7,9 +7,10 @@
 //
 // 1. Coarse: a logarithmic grid over the box of the poles (pairs with zeta <= 1, and sorted real
 //    triples), on data thinned to a step of at most 8 ms, but to no fewer than 1000 samples.
-// 2. Refine the best candidates by Levenberg-Marquardt (Ceres) in coordinates whose whole range is
-//    exactly the set of stable loops: a1 = e^q1, a2 = e^q2, and for order 3 also
-//    a3 = a1 a2 / (1 + e^-q3). A search in the poles themselves stops where two real poles meet.
+// 2. Refine the best candidates by Levenberg-Marquardt (Ceres), on the thinned data and then on
+//    all, in coordinates whose whole range is exactly the set of stable loops: a1 = e^q1,
+//    a2 = e^q2, and for order 3 also a3 = a1 a2 / (1 + e^-q3). A search in the poles themselves
+//    stops where two real poles meet.
 // 3. If the optimum lies outside the box, refine again within it.
 //
 // Frequencies in Hz, coefficients a_i in 1/s^i. Any thread; the same data give the same result.
@@ -56,6 +57,8 @@ struct PoleFit {
 
 /// The same data thinned to a step of at most `step_s`, but to no fewer than 1000 samples.
 [[nodiscard]] Projection thinned(const Projection& data, double step_s);
+[[nodiscard]] Projection thinned(const std::vector<Signals>& segments, const Structure& structure,
+                                 double step_s, bool free_response = true);
 
 /// The best fit; nothing if no candidate has a finite cost. Bad data do not throw.
 [[nodiscard]] std::optional<PoleFit> pole_search(const Projection& data,

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "identification/least_squares/gram_solver.h"
 #include "identification/least_squares/unit_columns.h"
@@ -65,6 +66,12 @@ Projection::Projection(std::vector<Signals> segments, Structure structure, bool 
       ++k;
     }
   }
+  for (const std::size_t kind : structure_.effects) {
+    acts_along_motion_ = acts_along_motion_ || acts_along_motion(identity_of(kind).acts);
+    acts_on_reading_ = acts_on_reading_ || identity_of(kind).acts == Acts::kReading;
+  }
+  if (delay_shape_ >= 0 || !acts_along_motion_) return;
+  for (const Signals& s : segments_) motions_.emplace_back(s, s.command, acts_on_reading_);
 }
 
 namespace {
@@ -106,48 +113,10 @@ std::vector<Motion> motion_along(const Signals& s, const Spline& command, Acts a
   return out;
 }
 
-namespace {
-
-template <int N>
-Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments, const Loop& loop,
-                                  double delay, std::size_t kind,
-                                  const std::vector<double>& shapes) {
-  const auto coefficients = coefficients_of(kind);
-  const Acts acts = identity_of(kind).acts;
-  Eigen::Index rows = 0, columns = 0;
-  for (const Signals& s : segments) rows += s.size();
-  for (const Parameter& p : coefficients) columns += told_from_loop(p, N) ? 1 : 0;
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(rows, columns);
-  Eigen::Index row = 0;
-  for (const Signals& s : segments) {
-    const ForceFilter<N> filter(loop.denominator, loop.modes, s.h, false);
-    Spline moved;
-    if (delay > 0.0) moved = Spline::through(s.command.delayed(delay), s.h);
-    const Spline& command = delay > 0.0 ? moved : s.command;
-    const auto units = unit_columns(kind, shapes.data(), motion_along(s, command, acts), false);
-    Eigen::Index column = 0;
-    for (std::size_t c = 0; c < coefficients.size(); ++c) {
-      if (!told_from_loop(coefficients[c], N)) continue;
-      const auto force = units.force.col(static_cast<Eigen::Index>(c));
-      if (acts == Acts::kReading) {
-        out.col(column).segment(row, s.size()) = -force.matrix();
-      } else {
-        filter.run(force, out.col(column).segment(row, s.size()), nullptr);
-      }
-      ++column;
-    }
-    row += s.size();
-  }
-  return out;
-}
-
-}  // namespace
-
-Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, const Loop& loop,
-                               double command_delay_s, std::size_t kind,
-                               const std::vector<double>& shapes) {
-  return loop.order == 2 ? effect_columns_of<2>(segments, loop, command_delay_s, kind, shapes)
-                         : effect_columns_of<3>(segments, loop, command_delay_s, kind, shapes);
+MotionsSeen::MotionsSeen(const Signals& signals, const Spline& command, bool by_loop)
+    : by_reading_(motion_along(signals, command, Acts::kForce)) {
+  if (by_loop && along_loop(signals, Acts::kReading))
+    by_loop_ = motion_along(signals, command, Acts::kReading);
 }
 
 Eigen::Index Projection::model_columns() const {
@@ -310,15 +279,16 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     }
 
     // --- the forces along the measured motion
-    std::vector<Motion> by_reading, by_loop;
+    std::optional<MotionsSeen> moved_motions;
+    if (delay_shape_ >= 0 && acts_along_motion_)
+      moved_motions.emplace(s, *command, acts_on_reading_);
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       const std::size_t kind = structure_.effects[i];
       const Acts acts = identity_of(kind).acts;
       if (!acts_along_motion(acts)) continue;
-      std::vector<Motion>& motion = along_loop(s, acts) ? by_loop : by_reading;
-      if (motion.empty()) motion = motion_along(s, *command, acts);
+      const MotionsSeen& motions = moved_motions ? *moved_motions : motions_[segment];
       const auto [forces, by_shape] =
-          unit_columns(kind, point.shapes.data() + shape_offset_[i], motion, derivatives);
+          unit_columns(kind, point.shapes.data() + shape_offset_[i], motions.of(acts), derivatives);
       for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
         if (slots_[slot].effect != i) continue;
         const auto c = static_cast<Eigen::Index>(slots_[slot].coefficient);
@@ -465,15 +435,15 @@ Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns,
       d.rightCols(kModeShapes * modes) += linear(n + slot) * by.rightCols(kModeShapes * modes);
   }
   const Eigen::Index states = n + 2 * modes;
+  Eigen::Index state = 0;  // of its segment
   for (std::size_t f = 0; f < columns.by_free.size(); ++f) {
-    const auto at = static_cast<Eigen::Index>(f);
-    const double size = linear(model_columns() + at);
-    if (at % states < n) {
+    const double size = linear(model_columns() + static_cast<Eigen::Index>(f));
+    if (state < n) {
       d.leftCols(n) += size * columns.by_free[f];
     } else {
-      d.middleCols(first_mode + kModeShapes * ((at % states - n) / 2), 2) +=
-          size * columns.by_free[f];
+      d.middleCols(first_mode + kModeShapes * ((state - n) / 2), 2) += size * columns.by_free[f];
     }
+    state = state + 1 < states ? state + 1 : 0;
   }
   for (const auto& entry : columns.by_shape)
     d.col(n + entry.shape) += linear(n + entry.slot) * entry.column;

@@ -52,11 +52,20 @@ struct Point {
 [[nodiscard]] std::vector<Motion> motion_along(const Signals& signals, const Spline& command,
                                                Acts acts);
 
-/// The columns of one more effect: the error per unit of each coefficient that is identifiable
-/// beside a free loop. Rows as in a Projection of these segments.
-[[nodiscard]] Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, const Loop& loop,
-                                             double command_delay_s, std::size_t kind,
-                                             const std::vector<double>& shapes);
+/// What every effect is passed of one segment with one command.
+class MotionsSeen {
+ public:
+  /// `by_loop`: for effects on the reading as well, which may see another motion.
+  MotionsSeen(const Signals& signals, const Spline& command, bool by_loop);
+
+  [[nodiscard]] const std::vector<Motion>& of(Acts acts) const {
+    return acts == Acts::kReading && !by_loop_.empty() ? by_loop_ : by_reading_;
+  }
+
+ private:
+  // The latter is empty where the loop's position is not known, or nobody asks for it.
+  std::vector<Motion> by_reading_, by_loop_;
+};
 
 class Projection {
  public:
@@ -124,6 +133,10 @@ class Projection {
   std::vector<Slot> slots_;
   std::vector<std::size_t> shape_offset_;  // of each effect in Point::shapes
   int delay_shape_ = -1;                   // place of the command delay in Point::shapes
+  bool acts_along_motion_ = false, acts_on_reading_ = false;  // any effect
+  // The motion that effects see in each segment; empty where a delay that is searched moves the
+  // command, or where no effect acts along it.
+  std::vector<MotionsSeen> motions_;
 };
 
 }  // namespace servotwin
