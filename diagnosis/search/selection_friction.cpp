@@ -30,6 +30,8 @@ void Selector::one_law_of_friction() {
   const Found friction = now_.found.at(last_);
   const bool both = now_.found.count("presliding") > 0 && now_.found.count("stribeck") > 0;
   if (std::find(kLaws.begin(), kLaws.end(), friction.kind) != kLaws.end()) return;
+  // A law would have to be clearly better here, which would be less than the noise.
+  if (!both && kMaxRmsRatioClearlyBetter * now_.current.rms() < search_.floor().low) return;
   Hypothesis best = now_.current;
   std::size_t law = kEffectKinds;
   for (const std::size_t kind : {kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {

@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "diagnosis/search/search.h"
 #include "diagnosis/statistics/pieces.h"
@@ -148,9 +147,11 @@ std::vector<Varied> left_out(const Model& base, const Varied& v,
   std::vector<Varied> out(blocks.size(), v);
   const Eigen::Index n = v.values.size();
   std::vector<NormalEquations> equations;
+  std::vector<double> squares;
   for (const std::vector<Segment>& block : blocks) {
     if (block.empty()) {
       equations.push_back({Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)});
+      squares.push_back(0.0);
       continue;
     }
     const Variation here(base, block);
@@ -158,24 +159,26 @@ std::vector<Varied> left_out(const Model& base, const Varied& v,
     const std::optional<Eigen::MatrixXd> by = left ? here.derivatives(v, kSettle_s) : std::nullopt;
     if (!by) return out;
     equations.push_back(normal_equations(*by, *left));
+    squares.push_back(left->squaredNorm());
   }
   const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
-  // Of the blocks other than one.
-  const auto cost = [&](std::size_t without, const Eigen::VectorXd& values) {
-    double sum = 0.0;
+  // Whether these values lower the error of all blocks but one.
+  const auto lowers = [&](std::size_t without, const Eigen::VectorXd& values) {
+    double before = 0.0, sum = 0.0;
+    for (std::size_t b = 0; b < blocks.size(); ++b) before += b == without ? 0.0 : squares[b];
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       if (b == without || blocks[b].empty()) continue;
       const auto left = Variation(base, blocks[b]).left(v.of(base, values), kSettle_s);
-      if (!left) return std::numeric_limits<double>::infinity();
+      if (!left) return false;
       sum += left->squaredNorm();
+      if (!(sum < before)) return false;
     }
-    return sum;
+    return sum < before;
   };
   for (std::size_t b = 0; b < blocks.size(); ++b) {
-    const double before = cost(b, v.values);
     for (const double share : kStepShares) {
       const Eigen::VectorXd there = v.values + share * steps[b];
-      if (!there.allFinite() || !(cost(b, there) < before)) continue;
+      if (!there.allFinite() || !lowers(b, there)) continue;
       out[b].values = there;
       break;
     }

@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <tuple>
 
 #include "identification/least_squares/bounded_fit.h"
@@ -20,7 +19,6 @@ namespace {
 // With play the error jumps where a contact moves past another: after a few rounds it hardly falls
 // any more, and each takes a few simulations per parameter.
 constexpr int kMaxRoundsOfPlay = 6;
-constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 std::optional<Eigen::MatrixXd> covariance_of(const Coordinates& coordinates,
                                              const Eigen::VectorXd& x, const Readings& readings,
@@ -120,6 +118,7 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
   const Likelihoods likelihoods(of_all, of_all.missed(at).r, encoder_step);
   const std::vector<std::size_t> every = coordinates.free();
   std::vector<NormalEquations> equations(blocks.size());
+  std::vector<double> costs(blocks.size(), 0.0);
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     Missed block = readings[b].missed(coordinates, x.data(), every);
     if (block.r.size() != left[b].size() || !block.by.allFinite()) return out;
@@ -127,19 +126,22 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
     equations[b] = normal_equations(block.by, g);
   }
   const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
-  // Of the blocks other than one.
-  const auto cost = [&](std::size_t without, const Model& model) {
-    double sum = 0.0;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    if (left[b].size() > 0) costs[b] = likelihoods.minus_log_likelihood(readings[b], left[b]);
+  }
+  // Whether this model is the more probable one for all blocks but one.
+  const auto lowers = [&](std::size_t without, const Model& model) {
+    double before = 0.0, sum = 0.0;
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       if (b == without || left[b].size() == 0) continue;
       const Eigen::VectorXd r = readings[b].missed(model).r;
-      if (r.size() != left[b].size() || !r.allFinite()) return kInfinite;
+      if (r.size() != left[b].size() || !r.allFinite()) return false;
+      before += costs[b];
       sum += likelihoods.minus_log_likelihood(readings[b], r);
     }
-    return sum;
+    return sum < before;
   };
   for (std::size_t b = 0; b < blocks.size(); ++b) {
-    const double before = cost(b, at);
     for (const double share : kStepShares) {
       Eigen::VectorXd there = x + share * steps[b];
       for (Eigen::Index i = 0; i < there.size(); ++i) {
@@ -148,7 +150,7 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
       }
       if (!there.allFinite()) break;
       Model model = coordinates.model(there.data());
-      if (!why_invalid(model).empty() || !(cost(b, model) < before)) continue;
+      if (!why_invalid(model).empty() || !lowers(b, model)) continue;
       out[b] = std::move(model);
       break;
     }
