@@ -39,9 +39,12 @@ void Selector::delay() {
       least = h.rms();
       undelayed_ = h;
     }
-    needed =
-        !tiny && !lag &&
-        (disguised || search_.ratio_beyond_noise(now_.current, h) < kMaxRmsRatioDelayOverRival);
+    // Zeros imitate a delay less well than it follows itself: where they leave clearly less, it is
+    // none. A load on a spring comes late as well.
+    const bool real =
+        disguised ? !(h.rms() < kMaxRmsRatioDelayOverRival * now_.current.rms())
+                  : search_.ratio_beyond_noise(now_.current, h) < kMaxRmsRatioDelayOverRival;
+    needed = !tiny && !lag && real;
     if (!needed) break;
   }
   if (needed) {
