@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -257,7 +258,7 @@ TEST_P(ChangedMat, IsReadOrRefused) {
 
 INSTANTIATE_TEST_SUITE_P(Formats, ChangedMat, kVersion5, kFormatName);
 
-/// One vector of a v5 file, byte by byte as the format's description says, in either byte order.
+/// Variables of a v5 file, byte by byte as the format's description says, in either byte order.
 class HandMade {
  public:
   explicit HandMade(std::endian order) : order_(order) {
@@ -281,9 +282,31 @@ class HandMade {
     for (const double value : values) put(value);
     return *this;
   }
+  /// A cell array of these dimensions that has no contents.
+  HandMade& add_cells(char name, std::uint32_t rows, std::uint32_t columns) {
+    begin(name, 16U + 16U + 16U, 1U, rows, columns);
+    return *this;
+  }
+  /// An array of structures of these dimensions that has no contents. `field`: name of a field.
+  HandMade& add_structures(char name, std::uint32_t rows, std::uint32_t columns,
+                           std::optional<char> field) {
+    begin(name, 16U + 16U + 16U + 8U + (field ? 16U : 8U), 2U, rows, columns);
+    put(std::uint32_t{4U << 16 | 5U});  // the length of a field's name
+    put(std::uint32_t{8});
+    put(std::uint32_t{1});
+    put(std::uint32_t{field ? 8U : 0U});
+    if (field) bytes_ += *field + std::string(7, '\0');
+    return *this;
+  }
   [[nodiscard]] const std::string& bytes() const { return bytes_; }
 
  private:
+  void begin(char name, std::uint32_t size, std::uint32_t kind, std::uint32_t rows,
+             std::uint32_t columns) {
+    for (const std::uint32_t word : {14U, size, 6U, 8U, kind, 0U, 5U, 8U, rows, columns, 1U, 1U})
+      put(word);
+    bytes_ += name + std::string(7, '\0');
+  }
   template <class T>
   void put(T value) {
     std::string bytes(sizeof value, '\0');
@@ -306,6 +329,32 @@ TEST(HandMadeMat, IsReadInEitherByteOrder) {
     EXPECT_EQ(r.axes.at(0).command, (std::vector<double>{0.005, 0.0065, -0.007}));
     const auto cut = directory.file("rec.mat", std::string_view(bytes).substr(0, bytes.size() - 1));
     expect_error<std::runtime_error>([&] { (void)read_recording(cut, options); }, {"cut off"});
+  }
+}
+
+TEST(HandMadeMat, ClaimsMoreCellsOrStructuresThanItHas) {
+  const test::TemporaryDirectory directory;
+  ReadOptions options;
+  options.columns = "X.command=x[mm]";
+  constexpr std::uint32_t kMany = 4'000'000'000U;
+  for (const auto order : {std::endian::little, std::endian::big}) {
+    const auto with_vectors = [order] {
+      return HandMade(order).add('t', {0, 1, 2}).add('x', {5, 6.5, -7});
+    };
+    const std::string where = "byte " + std::to_string(with_vectors().bytes().size());
+    const auto refused = [&](const std::string& bytes, const char* claimed) {
+      const auto file = directory.file("rec.mat", bytes);
+      expect_error<std::runtime_error>([&] { (void)read_recording(file, options); },
+                                       {"rec.mat", "damaged", where.c_str(), claimed});
+    };
+    refused(with_vectors().add_cells('c', 65'537, 671'088'640).bytes(), "43981136199680 cells");
+    refused(with_vectors().add_cells('c', 1, 7).bytes(), "claims 7 cells");
+    refused(with_vectors().add_structures('s', 65'537, 671'088'640, 'f').bytes(), "43981136199680");
+    refused(with_vectors().add_structures('s', kMany, kMany, 'f').bytes(), "within 72 bytes");
+    // One without fields has no contents, however many there are.
+    const auto file =
+        directory.file("rec.mat", with_vectors().add_structures('s', 1000, 1000, {}).bytes());
+    EXPECT_EQ(read_recording(file, options).time.size(), 3);
   }
 }
 

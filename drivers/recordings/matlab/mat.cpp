@@ -45,10 +45,51 @@ void require_no_complaint(const std::string& source) {
                            ": the MATLAB file is damaged: " + in_quotes(trimmed(complaint)));
 }
 
+// How many elements with contents of their own a variable claims, which begins at `at`: those of a
+// cell array, and those of an array of structures that have fields. 0 of other classes.
+std::uint64_t contents_claimed(const FileHandle& handle, std::uint64_t at, bool swapped) {
+  // Words of four bytes. MATLAB has names of 63 characters, and few arrays of more than three
+  // dimensions.
+  constexpr std::size_t kFlags = 2, kDimensionBytes = 5, kDimensions = 6, kWords = 64;
+  constexpr std::uint32_t kClassMask = 0xff, kCell = 1, kStructure = 2;
+  std::array<std::uint32_t, kWords> words{};
+  const std::size_t got = handle.read_at(reinterpret_cast<char*>(words.data()), sizeof words, at);
+  if (got < kDimensions * sizeof words[0]) return 0;
+  if (swapped) {
+    for (std::uint32_t& word : words) word = __builtin_bswap32(word);
+  }
+  const std::uint32_t kind = words[kFlags] & kClassMask;
+  if (kind != kCell && kind != kStructure) return 0;
+  // An element takes its tag and its bytes, filled up to eight; a small one has both in eight.
+  const auto is_small = [&](std::size_t i) { return words[i] >> 16 != 0; };
+  const auto bytes_of = [&](std::size_t i) -> std::size_t {
+    return is_small(i) ? words[i] >> 16 : words[i + 1];
+  };
+  const auto is_known = [](std::size_t i) { return i + 1 < kWords; };
+  const auto after = [&](std::size_t i) {
+    if (!is_known(i)) return kWords;
+    return is_small(i) ? i + 2 : i + 2 + (bytes_of(i) + 7) / 8 * 2;
+  };
+  const std::size_t name = kDimensions + (std::size_t{words[kDimensionBytes]} + 7) / 8 * 2;
+  std::uint64_t count = 1;
+  for (std::size_t i = kDimensions; i < kDimensions + words[kDimensionBytes] / sizeof words[0];
+       ++i) {
+    if (i >= kWords || __builtin_mul_overflow(count, words[i], &count))
+      return std::numeric_limits<std::uint64_t>::max();
+  }
+  const std::size_t fields = after(after(name));  // behind the length of a field's name
+  const bool has_none = kind == kStructure && is_known(fields) && bytes_of(fields) == 0;
+  return has_none ? 0 : count;
+}
+
 // A v5 file is a chain of elements with their lengths. The library does not notice if the last one
 // is cut off, and fills it with zeros, so the chain is checked here first. (HDF5 does notice.)
+// The library reserves memory for as many cells and structures as a variable claims. Each of them
+// takes at least a tag, so that more are damage; seen here where they are neither compressed nor
+// inside others.
 void require_whole_elements(const std::filesystem::path& file) {
   constexpr std::uint64_t kHeader = 128, kTag = 8;
+  constexpr std::uint32_t kMatrix = 14;
   const FileHandle handle = FileHandle::open(file, O_RDONLY);
   const std::uint64_t size = std::filesystem::file_size(file);
   std::string header(kHeader, '\0');
@@ -61,7 +102,18 @@ void require_whole_elements(const std::filesystem::path& file) {
   while (at + kTag <= size) {
     std::uint32_t tag[2] = {};  // type and length
     if (handle.read_at(reinterpret_cast<char*>(tag), kTag, at) != kTag) break;
-    at += kTag + (swapped ? __builtin_bswap32(tag[1]) : tag[1]);
+    if (swapped) {
+      for (std::uint32_t& word : tag) word = __builtin_bswap32(word);
+    }
+    const std::uint64_t claimed =
+        tag[0] == kMatrix ? contents_claimed(handle, at + kTag, swapped) : 0;
+    if (claimed > tag[1] / kTag) {
+      throw std::runtime_error(file.string() +
+                               ": the MATLAB file is damaged: the variable at byte " +
+                               std::to_string(at) + " claims " + std::to_string(claimed) +
+                               " cells or structures within " + std::to_string(tag[1]) + " bytes");
+    }
+    at += kTag + tag[1];
   }
   if (at == size) return;
   throw std::runtime_error(
