@@ -152,7 +152,7 @@ class OffsetWorld {
         break;
       case Event::kSleep:
         asleep_ = size;
-        if (size % 2 == 1) stood_still_ns_ += size * kCycle_ns;
+        clocks_stand_ = size % 2 == 1;
         inbox_.clear();
         break;
       case Event::kPublisher:
@@ -303,6 +303,7 @@ class OffsetWorld {
     if (now_ % kPeriod == 0 && loop_) plan();
     if (asleep_ > 0) {
       --asleep_;
+      if (clocks_stand_) stood_still_ns_ += kCycle_ns;
       return;
     }
     if (paused_ > 0) {
@@ -472,7 +473,8 @@ class OffsetWorld {
   long kinks_ = 0, kinks_allowed_ = 0;
   bool astray_ = false;  // an offset was lost, and the drive may have another one than was sent
   bool stale_ = false;
-  bool on_time_ = false;  // a frame was answered on time since the clocks are as they are
+  bool clocks_stand_ = false;  // while the host sleeps
+  bool on_time_ = false;       // a frame was answered on time since the clocks are as they are
 };
 
 }  // namespace servotwin::daemon
