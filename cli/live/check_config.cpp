@@ -72,8 +72,12 @@ void say_programs(const std::filesystem::path& folder) {
   if (folder.empty()) return;
   std::error_code error;
   const std::filesystem::directory_iterator readable(folder, error);
-  say(stdout, "programs    the .csv files in " + folder.string() +
-                  (error ? ", which cannot be read now: " + error.message() : ""));
+  say(stdout,
+      "programs    the .csv files in " + folder.string() +
+          (error == std::errc::no_such_file_or_directory
+               ? ", which is not there: it is made with the first program that comes by HTTP"
+           : error ? ", which cannot be read now: " + error.message()
+                   : ""));
 }
 
 /// A note if others than its owner may read a file with a secret.
@@ -149,6 +153,10 @@ void run(const std::filesystem::path& file) {
     source = config.source == daemon::SourceKind::kDds ? frames + ", joined with " + source
                                                        : source + ", joined with " + frames;
   say(stdout, "source      " + source);
+  for (const std::string& unused : config.unused) {
+    say(stdout, "note: nothing comes from [source." + unused +
+                    "]: no axis names it as its source or encoder");
+  }
   say(stdout, "output      " + text_of(config.dds) +
                   (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));
   const auto store =

@@ -223,6 +223,10 @@ void choose_sources(Section& source, const std::vector<AxisSources>& named, Conf
     config.axes[i].encoder =
         named[i].encoder.name.empty() ? config.axes[i].command : use(named[i].encoder, "encoder");
   }
+  for (const std::string& name : given) {
+    // What [source.dds] says holds for [dds] as well.
+    if (name != "dds" && !config.uses(source_named(name))) config.unused.push_back(name);
+  }
 }
 
 void read_dds(Section& dds, DdsConfig& config) {

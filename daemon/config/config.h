@@ -129,6 +129,7 @@ struct Config {
   std::vector<AxisConfig> axes;          ///< in the order of the frames; empty: given by the source
   SourceKind source = SourceKind::kDds;  ///< that of the first axis' command: the cycles are its
   std::optional<SourceKind> second;      ///< another one beside it, as the axes say
+  std::vector<std::string> unused;       ///< sources that are configured and no axis names
   DdsConfig dds;  ///< where the daemon publishes, whatever the source of its frames is
   std::optional<DdsConfig> dds_in;  ///< where the frames are, if not at `dds`
   ReplayConfig replay;

@@ -191,6 +191,12 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   }
   for (const std::size_t i : find_neighbours(axes, neighbours))
     out.notes.push_back(without_neighbour(axes[i].name, neighbours[i]));
+  std::vector<std::string> standing;
+  for (std::size_t i = 0; i < rules.machine.axes.size(); ++i) {
+    if (std::find(program.axes.begin(), program.axes.end(), i) == program.axes.end())
+      standing.push_back(rules.machine.axes[i].name);
+  }
+  if (!standing.empty()) out.notes.push_back(listed(standing) + " not in the path: taken to stand");
 
   out.validated_ns = std::min(wall_ns, validated_ns(out, in_force).value_or(0));
 

@@ -193,6 +193,7 @@ void LearningWorker::gone(const std::string& program) {
   if (found == kept_.end()) return;
   const Kept learned = *found;
   withdraw(learned, "its file is no longer in " + folder_->folder().string());
+  tried_with_.clear();  // a file that it had replaced, of the same path, may be there still
 }
 
 void LearningWorker::try_again() {

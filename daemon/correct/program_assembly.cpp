@@ -97,8 +97,9 @@ std::string ProgramAssembly::not_usable(const ProgramChunk& chunk, const Part& p
     if (before + k > 0) {
       const double step_s = time_s - (k == 0 ? part.last_time_s : chunk.time_s[k - 1]);
       if (!(std::abs(step_s - machine_.cycle_s) <= kRowSpacingTolerance * machine_.cycle_s))
-        return "uneven time: time_s" + row + " comes " + number(step_s) +
-               " s after the row before, but rows must be one cycle of the machine apart, " +
+        return "the time" + row + " is " + number(step_s) +
+               " s after that of the row before, but rows must be one cycle of the machine "
+               "apart, " +
                number(machine_.cycle_s) + " s";
     }
     for (std::size_t i = 0; i < part.axes.size(); ++i) {

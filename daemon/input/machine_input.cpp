@@ -184,7 +184,11 @@ std::vector<JoinedAxis> joined_axes(const Config& config, const CanMap& map) {
       const auto refuse = [&](const std::string& why) {
         throw std::runtime_error("axis '" + axis.name + "': " + why);
       };
-      if (found == mapped.end()) refuse("the CAN mapping has no axis of this name");
+      if (found == mapped.end()) {
+        std::string has;
+        for (const auto& one : mapped) has += (has.empty() ? "" : ", ") + one.name;
+        refuse("the CAN mapping has no axis of this name; it has " + has);
+      }
       if (found->rotary != axis.rotary)
         refuse(std::string("is in ") + (axis.rotary ? "rad" : "m") +
                " in the configuration, and in the other unit in the CAN mapping");

@@ -49,7 +49,7 @@ std::string jump_in(const Segment& path, const std::string& axis, bool rotary) {
     return axis + ".command jumps by " + rounded(by) + (rotary ? " deg" : " mm") +
            " within one cycle, into row " + std::to_string(k + 1) + " (at " +
            number(path.start_s + h * static_cast<double>(k)) +
-           " s); no drive follows that: correct the table";
+           " s); no drive follows that: correct the table, or the unit in its header";
   }
   return {};
 }

@@ -218,7 +218,7 @@ TEST_F(OffsetsOverCan, OfADryRunAndOfAnAxisThatIsNamedAreNoted) {
   EXPECT_THAT(dry.out, HasSubstr("note: with ilc.live = true offsets cannot be armed: "));
   EXPECT_THAT(dry.out, Not(HasSubstr("programs")));
   EXPECT_THAT(said("", "programs = 'nowhere'").out,
-              ContainsRegex("programs    the .csv files in .*nowhere, which cannot be read now: "));
+              ContainsRegex("programs    the .csv files in .*nowhere, which is not there: "));
   EXPECT_THAT(said("", "programs = '.'").out, Not(HasSubstr("cannot be read now")));
   const Answer named =
       said("offset_timeout_s = 'none'", "live = true\narm_without_timeout = ['X']");

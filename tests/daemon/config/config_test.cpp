@@ -138,6 +138,16 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_EQ(config.priority, 70);
 }
 
+TEST(Config, ASourceThatNoAxisNamesIsKnownAsUnused) {
+  const std::string can = "[source.can]\nmap = 'm.toml'\n[[axis]]\nname = 'X'\nsource = 'dds'\n";
+  EXPECT_EQ(check_config(can, "m.toml").config.unused, std::vector<std::string>{"can"});
+  EXPECT_TRUE(check_config(can + "encoder = 'can'\n", "m.toml").config.unused.empty());
+  EXPECT_TRUE(check_config("[source.dds]\ndomain = 3\n[source.can]\nmap = 'm.toml'\n[[axis]]\n"
+                           "name = 'X'\nsource = 'can'\n",
+                           "m.toml")
+                  .config.unused.empty());
+}
+
 TEST(Config, WhatTheDaemonSaysHasAPlaceWhateverTheSource) {
   const Config can =
       check_config("[dds]\ndomain = 5\nstrength = 3\n[source.can]\nmap = 'm.toml'\n", "m.toml")

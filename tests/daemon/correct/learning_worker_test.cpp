@@ -466,6 +466,39 @@ TEST_F(LearningWorkerTest, WithItsFileACorrectionIsWithdrawnButNotOneFromTheNetw
   EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
 }
 
+TEST_F(LearningWorkerTest, OfTwoFilesOfOnePathTheOtherIsLearnedWhenOneIsRemoved) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  const Eigen::ArrayXd path = circle_program()[0];
+  for (const char* name : {"first.csv", "second.csv"}) {
+    std::ofstream file(parts.path() / name);
+    file.precision(12);
+    file << "time[s],X.command[m]\n";
+    for (Eigen::Index k = 0; k < path.size(); ++k)
+      file << kCycle_s * static_cast<double>(k) << "," << path(k) << "\n";
+  }
+  std::int64_t now = 0;
+  const auto look = [&] {
+    worker_->look_into_folder(now);
+    now += LearningWorker::kLookEvery_ns;
+  };
+  look();
+  look();
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_THAT(events("correction_learned")[0].text, HasSubstr("Y not in the path: taken to stand"));
+  const std::string kept = worker_->kept()[0]->program.name;
+  std::filesystem::remove(parts.path() / (kept + ".csv"));
+  look();
+  look();
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_EQ(worker_->kept()[0]->program.name, kept == "first" ? "second" : "first");
+  const auto learned = events("correction_learned").size();
+  look();
+  EXPECT_EQ(events("correction_learned").size(), learned) << "nothing has changed";
+}
+
 /// A machine whose commands the worker hears: the circle of X and Y over and over, with pauses that
 /// differ.
 class RecognisingWorkerTest : public LearningWorkerTest {

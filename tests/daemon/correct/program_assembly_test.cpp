@@ -92,42 +92,44 @@ TEST_P(WrongChunk, IsRefusedByNameOnce) {
 
 INSTANTIATE_TEST_SUITE_P(
     , WrongChunk,
-    testing::Values(
-        Spoiled{"Missing", [](ProgramChunk& c) { c.chunk = 2; },
-                "chunk 1 of 3 is missing: chunk 2 came instead"},
-        Spoiled{"Number", [](ProgramChunk& c) { c.chunk = 3; }, "chunk 3 of 3"},
-        Spoiled{"OtherCount", [](ProgramChunk& c) { c.chunks = 4; },
-                "other values of chunks, axes or learn"},
-        Spoiled{"OtherAxes",
-                [](ProgramChunk& c) {
-                  c.axes = {"B", "Y"};
-                },
-                "other values of chunks, axes or learn"},
-        Spoiled{"OtherWish", [](ProgramChunk& c) { c.learn = false; },
-                "other values of chunks, axes or learn"},
-        Spoiled{"Empty",
-                [](ProgramChunk& c) {
-                  c.time_s.clear();
-                  c.command.clear();
-                },
-                "has no rows"},
-        Spoiled{"Length", [](ProgramChunk& c) { c.command.pop_back(); },
-                "command_m has 39 values, and 20 rows of 2 axes need 40"},
-        Spoiled{"NotANumber", [](ProgramChunk& c) { c.command[25] = kAbsent; },
-                "command_m of axis X of row 25 is not a number"},
-        Spoiled{"Infinite",
-                [](ProgramChunk& c) { c.command[3] = std::numeric_limits<double>::infinity(); },
-                "command_m of axis B of row 23 is not a number"},
-        Spoiled{"TimeNotANumber", [](ProgramChunk& c) { c.time_s[7] = kAbsent; },
-                "time_s of row 27 is not a number"},
-        Spoiled{"UnevenTime", [](ProgramChunk& c) { c.time_s[7] += 2e-5; },
-                "uneven time: time_s of row 27"},
-        Spoiled{"TimeGoesBack", [](ProgramChunk& c) { c.time_s[7] = 0.0; }, "uneven time"},
-        Spoiled{"GapBetweenChunks",
-                [](ProgramChunk& c) {
-                  for (double& time_s : c.time_s) time_s += 0.001;
-                },
-                "uneven time: time_s of row 20 comes 0.002 s after"}),
+    testing::Values(Spoiled{"Missing", [](ProgramChunk& c) { c.chunk = 2; },
+                            "chunk 1 of 3 is missing: chunk 2 came instead"},
+                    Spoiled{"Number", [](ProgramChunk& c) { c.chunk = 3; }, "chunk 3 of 3"},
+                    Spoiled{"OtherCount", [](ProgramChunk& c) { c.chunks = 4; },
+                            "other values of chunks, axes or learn"},
+                    Spoiled{"OtherAxes",
+                            [](ProgramChunk& c) {
+                              c.axes = {"B", "Y"};
+                            },
+                            "other values of chunks, axes or learn"},
+                    Spoiled{"OtherWish", [](ProgramChunk& c) { c.learn = false; },
+                            "other values of chunks, axes or learn"},
+                    Spoiled{"Empty",
+                            [](ProgramChunk& c) {
+                              c.time_s.clear();
+                              c.command.clear();
+                            },
+                            "has no rows"},
+                    Spoiled{"Length", [](ProgramChunk& c) { c.command.pop_back(); },
+                            "command_m has 39 values, and 20 rows of 2 axes need 40"},
+                    Spoiled{"NotANumber", [](ProgramChunk& c) { c.command[25] = kAbsent; },
+                            "command_m of axis X of row 25 is not a number"},
+                    Spoiled{"Infinite",
+                            [](ProgramChunk& c) {
+                              c.command[3] = std::numeric_limits<double>::infinity();
+                            },
+                            "command_m of axis B of row 23 is not a number"},
+                    Spoiled{"TimeNotANumber", [](ProgramChunk& c) { c.time_s[7] = kAbsent; },
+                            "time_s of row 27 is not a number"},
+                    Spoiled{"UnevenTime", [](ProgramChunk& c) { c.time_s[7] += 2e-5; },
+                            "the time of row 27 is"},
+                    Spoiled{"TimeGoesBack", [](ProgramChunk& c) { c.time_s[7] = 0.0; },
+                            "the time of row 27 is"},
+                    Spoiled{"GapBetweenChunks",
+                            [](ProgramChunk& c) {
+                              for (double& time_s : c.time_s) time_s += 0.001;
+                            },
+                            "the time of row 20 is 0.002 s after"}),
     [](const auto& one) { return one.param.name; });
 
 TEST(ProgramAssembly, AxesThatTheMachineHasNotAreRefused) {
