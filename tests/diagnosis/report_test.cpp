@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <random>
 
@@ -265,7 +266,7 @@ TEST(Words, NoSizeOfACauseContainsAnIdentifier) {
 TEST(CausePage, IsAmongTheDocumentsForEveryCauseOfTheContract) {
   for (const std::string_view id : contract_ids()) {
     const std::string page = cause_page(std::string(id));
-    EXPECT_TRUE(std::ifstream(std::string(SERVOTWIN_SOURCE_DIR) + "/" + page)) << page;
+    EXPECT_TRUE(std::ifstream(std::filesystem::path(SERVOTWIN_SOURCE_DIR) / page)) << page;
     EXPECT_EQ(page_to_read(std::string(id)), page) << "nothing is installed beside this program";
   }
 }
