@@ -50,7 +50,7 @@ void run_together(const FilterSection* sections, Eigen::ArrayXd& x) {
     const double gain = (1.0 + a1 + a2) / 4.0;
     // At rest on the first sample.
     states[i] = {gain, a1, a2, at_rest * (1.0 - gain), at_rest * (gain - a2)};
-    at_rest = gain * at_rest + states[i].first;
+    at_rest = gain * at_rest + states[i].first;  // the same, but for rounding
   }
   for (double& value : x) {
 #pragma GCC unroll 4

@@ -104,6 +104,15 @@ TEST_P(ALoadOnASpring, IsNamedFirstWithItsFrequency) {
 // rigid axis was enough. 51: beside a rigid axis it was a mode damped like a filter.
 INSTANTIATE_TEST_SUITE_P(LongDev, ALoadOnASpring, testing::Values(43, 44, 46, 51, 3001, 3003));
 
+// Zeros in the right half plane follow it better than the delay that was named in its place.
+TEST(ALoadOnAStiffSpring, IsNoDelay) {
+  const Case asked = single_case(Part::kDev, "compliance", Class::kClear, 280);
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_THAT(named(answer, asked), testing::Not(testing::Contains("time_delay")));
+  EXPECT_LT(answer.after_rms, 0.05 * answer.before_rms);
+}
+
 class AnEffectThatAnotherStoodFor : public testing::TestWithParam<std::pair<const char*, int>> {};
 
 TEST_P(AnEffectThatAnotherStoodFor, IsNamedAloneAndLeavesLittle) {

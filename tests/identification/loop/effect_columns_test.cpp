@@ -27,8 +27,9 @@ TEST(EffectColumns, AreThoseOfAProjectionWithTheEffect) {
   with_loop.loop_position = with_loop.position + 1e-5;
   const Mode mode{.omega = 400.0, .zeta = 0.05, .gamma = 1e-4, .delta = 0.3};
   for (const int order : {2, 3}) {
-    for (const std::size_t kind : {kind_of<CoulombFriction>(), kind_of<Presliding>(),
-                                   kind_of<Cogging>(), kind_of<LeadError>()}) {
+    for (const std::size_t kind :
+         {kind_of<CoulombFriction>(), kind_of<Presliding>(), kind_of<Cogging>(),
+          kind_of<LeadError>(), kind_of<BacklashInLoop>()}) {
       std::vector<double> shapes;
       for (const Parameter& p : shapes_of(kind)) shapes.push_back(p.start);
       for (const bool vibrates : {false, true}) {
