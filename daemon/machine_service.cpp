@@ -156,6 +156,7 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
         "network", "",
         std::string("servotwin put-in-force cannot reach this daemon: ") + error.what());
   }
+  identification_.give_up_with(base_.stop);
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
   learner_.show_in(inbox_->list());
@@ -236,8 +237,8 @@ void MachineService::run() {
   };
   end(reporting);
   end(recording);
-  // The workers finish what they have begun; at idle priority that could take for ever on a busy
-  // host.
+  // The workers finish what they have begun, or give it up; at idle priority that could take for
+  // ever on a busy host.
   for (std::jthread* idle : {&identifying, &diagnosing, &learning}) {
     idle->request_stop();
     restore_normal_priority(idle->native_handle());

@@ -18,6 +18,7 @@
 #include <string>
 #include <vector>
 
+#include "identification/least_squares/interruption.h"
 #include "identification/model/model_file.h"
 #include "identification/recording/segments.h"
 
@@ -39,7 +40,7 @@ struct Axis {
   /// With the command of the axis that this model needs beside it.
   [[nodiscard]] SegmentedAxis for_model(const ModelRecord& record) const;
   /// With the command of the axis that acts on it, of several other ones.
-  [[nodiscard]] SegmentedAxis beside_acting(const std::stop_token& stop = {}) const;
+  [[nodiscard]] SegmentedAxis beside_acting() const;
 };
 
 /// A model with where it comes from.
@@ -74,11 +75,14 @@ Value one_of(const std::map<std::string, Value>& known, const std::string& given
   throw std::invalid_argument(what + " '" + given + "' is not known; choose one of " + names);
 }
 
-/// Runs work without the interpreter's lock; Ctrl-C asks it to stop.
+/// Runs work without the interpreter's lock; Ctrl-C interrupts it (interruption.h).
 template <class Work>
 auto interruptible(const Work& work) {
   std::stop_source stop;
-  auto result = std::async(std::launch::async, [&] { return work(stop.get_token()); });
+  auto result = std::async(std::launch::async, [&] {
+    const Interruptible until(stop.get_token());
+    return work();
+  });
   while (true) {
     {
       const pybind11::gil_scoped_release release;

@@ -72,7 +72,7 @@ LearnArguments arguments_of(const std::string& method, const std::string& aim, i
 
 CorrectedPath corrected(const std::vector<ModelOfAxis>& models,
                         const std::vector<Eigen::VectorXd>& commands, double sample_time_s,
-                        const LearnArguments& arguments, const std::stop_token& stop) {
+                        const LearnArguments& arguments) {
   CorrectedPath out;
   out.sample_time_s = sample_time_s;
   std::vector<LearnAxis> axes;
@@ -115,7 +115,7 @@ CorrectedPath corrected(const std::vector<ModelOfAxis>& models,
   out.learned = learn(
       axes,
       [&](const std::vector<Eigen::ArrayXd>& tried) {
-        if (stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
+        throw_if_interrupted();
         return twins(tried);
       },
       arguments.options);
@@ -237,9 +237,7 @@ void bind_correction(py::module_& module) {
           throw std::invalid_argument("sample_time_s must be positive");
         const LearnArguments arguments =
             arguments_of(method, aim, trials, bandwidth_hz, uncertainty, peak, rate);
-        return interruptible([&](const std::stop_token& stop) {
-          return corrected(models, commands, sample_time_s, arguments, stop);
-        });
+        return interruptible([&] { return corrected(models, commands, sample_time_s, arguments); });
       },
       py::arg("models"), py::arg("commands"), py::arg("sample_time_s"), py::kw_only(),
       py::arg("method") = "inverse", py::arg("aim") = "tracking", py::arg("trials") = 10,

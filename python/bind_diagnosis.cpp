@@ -53,13 +53,13 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
     if (coupled) {
       out.axis = axis.for_model(*earlier);
     } else if (!options.leaves_out("cross_coupling")) {
-      out.axis = axis.beside_acting(options.stop);
+      out.axis = axis.beside_acting();
     }
     out.loop = earlier ? compare(out.axis, *earlier, options) : diagnose(out.axis, options);
   } catch (const UnusableRecording&) {
     throw;
   } catch (const std::runtime_error& error) {
-    if (!has_torque(axis.segmented) || earlier || options.stop.stop_requested()) throw;
+    if (!has_torque(axis.segmented) || earlier) throw;
     out.reason = error.what();
     out.torque = diagnose_torque(axis.segmented, options);
     return out;
@@ -177,10 +177,7 @@ void bind_diagnosis(py::module_& module) {
         }
         std::optional<ModelRecord> record;
         if (earlier) record = earlier->record;
-        return interruptible([&](const std::stop_token& stop) {
-          options.stop = stop;
-          return diagnosed(axis, record, options);
-        });
+        return interruptible([&] { return diagnosed(axis, record, options); });
       },
       py::arg("axis"), py::kw_only(), py::arg("earlier") = py::none(),
       py::arg("leave_out") = std::vector<std::string>(), py::arg("encoder_in_loop") = false,

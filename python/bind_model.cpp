@@ -344,8 +344,7 @@ void bind_model(py::module_& module) {
                                       ".command has no values: nothing to identify the loop from");
         const IdentifyOptions options = options_of(method, friction, structure, order, modes,
                                                    coupling, delay_max_s, training_share);
-        return interruptible(
-            [&](const std::stop_token&) { return identified(axis, options, whole); });
+        return interruptible([&] { return identified(axis, options, whole); });
       },
       py::arg("axis"), py::kw_only(), py::arg("method") = "joint", py::arg("friction") = py::none(),
       py::arg("structure") = "rigid", py::arg("order") = 0, py::arg("modes") = 0,

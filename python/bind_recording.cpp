@@ -71,8 +71,8 @@ SegmentedAxis Axis::for_model(const ModelRecord& record) const {
   return segment_axis(*recording, segmented.axis, {}, record.neighbour);
 }
 
-SegmentedAxis Axis::beside_acting(const std::stop_token& stop) const {
-  const std::string acting = acting_axis(*recording, segmented.axis, stop).name;
+SegmentedAxis Axis::beside_acting() const {
+  const std::string acting = acting_axis(*recording, segmented.axis).name;
   return acting.empty() ? segmented : segment_axis(*recording, segmented.axis, {}, acting);
 }
 

@@ -14,6 +14,7 @@
 #include "diagnosis/report/torque_text.h"
 #include "diagnosis/search/acting_axis.h"
 #include "diagnosis/statistics/text.h"
+#include "identification/least_squares/interruption.h"
 #include "identification/recording/segments.h"
 
 namespace servotwin::daemon {
@@ -123,12 +124,12 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
                                    double until_s) {
   const std::string& name = axes_[axis].name;
   events_.note("diagnosis_begun", name, "diagnosis begun, " + reason);
+  const Interruptible until(give_up_);
   try {
     const std::int64_t begin = steady_ns();
     // With the other axes, because their motion may disturb this one.
-    const Recording recorded = memory_.copy(from_s, until_s, "live");
-    SegmentedAxis motion =
-        segment_axis(recorded, name, {}, acting_axis(recorded, name, options_.stop).name);
+    const Recording recorded = memory_.copy(from_s, until_s, "the motion in memory");
+    SegmentedAxis motion = segment_axis(recorded, name, {}, acting_axis(recorded, name).name);
     // By its motion only where a model predicts that, as the candidate will be judged.
     const std::vector<StoredModel> in_force = store_.in_force();
     if (std::none_of(in_force.begin(), in_force.end(),

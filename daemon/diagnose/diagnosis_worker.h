@@ -49,9 +49,8 @@ class DiagnosisWorker {
                   const IdentifyConfig& identify, const MotionMemory& memory, ResidualWatch& watch,
                   Store& store, EventLog& events, Announce announce);
 
-  /// When `stop` is requested, a running diagnosis is aborted before its next fit. Call it before
-  /// run().
-  void give_up_with(const std::stop_token& stop) { options_.stop = stop; }
+  /// When `stop` is requested, a running diagnosis is given up. Call it before run().
+  void give_up_with(const std::stop_token& stop) { give_up_ = stop; }
   /// Called with the model of every diagnosis that has extended it by a named cause, where that
   /// model can predict other motion than that of its recording. Call it before run().
   void propose_with(Propose propose) { propose_ = std::move(propose); }
@@ -84,6 +83,7 @@ class DiagnosisWorker {
 
   DiagnoseConfig config_;
   DiagnoseOptions options_;
+  std::stop_token give_up_;
   const MotionMemory& memory_;
   ResidualWatch& watch_;
   Store& store_;

@@ -11,6 +11,7 @@
 #include "daemon/identify/held_out.h"
 #include "diagnosis/search/acting_axis.h"
 #include "drivers/common/text.h"
+#include "identification/least_squares/interruption.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/shown_units.h"
 #include "twin/two_mass_axis.h"
@@ -33,7 +34,7 @@ std::string progress_of(const char* what, double done_s, double needed_s) {
   std::ostringstream out;
   out.setf(std::ios::fixed);
   out.precision(1);
-  out << what << ": " << std::max(0.0, done_s) << " of " << needed_s << " s of motion";
+  out << what << " " << std::max(0.0, done_s) << " of " << needed_s << " s of motion";
   return out.str();
 }
 
@@ -221,12 +222,12 @@ bool IdentificationWorker::look(std::size_t axis) {
   const double moved_s = memory_.moved_s(axis);
   if (state.candidate) {
     const double from_s = state.candidate->moved_s;
-    set_activity(axis, progress_of("judging a candidate", moved_s - from_s, config_.judge_s));
+    set_activity(axis, progress_of("judging a candidate:", moved_s - from_s, config_.judge_s));
     const std::optional<double> until_s = memory_.time_when_moved(axis, from_s + config_.judge_s);
     if (until_s) judge_candidate(axis, *until_s);
     return until_s.has_value();
   }
-  set_activity(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
+  set_activity(axis, progress_of("collecting:", moved_s - state.moved_s, config_.window_s) +
                          (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
@@ -253,8 +254,8 @@ bool IdentificationWorker::look(std::size_t axis) {
 
 SegmentedAxis IdentificationWorker::remembered(std::size_t axis, double until_s,
                                                const std::string& beside) const {
-  return segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "live"), axes_[axis].name,
-                      {}, beside);
+  return segment_axis(memory_.copy(until_s - config_.memory_s, until_s, "the motion in memory"),
+                      axes_[axis].name, {}, beside);
 }
 
 void IdentificationWorker::choose_beside(std::size_t axis, double until_s) {
@@ -415,24 +416,37 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
 
 void IdentificationWorker::seek(std::size_t axis, double until_s, const SegmentedAxis& motion,
                                 const IdentifyOptions& options) {
-  Axis& state = axes_[axis];
   Pending candidate;
   candidate.until_s = until_s;
-  candidate.moved_s = state.moved_s;
+  candidate.moved_s = axes_[axis].moved_s;
   for (const Segment& segment : motion.segments) cite(candidate, segment.start_s, segment.end_s());
+  const std::int64_t begin = steady_ns();
+  set_identifying(Identifying{axis, begin});
+  std::optional<Identified> found = identified(axis, motion, options);
+  set_identifying(std::nullopt);
+  if (!found) return;
+  candidate.identified = *std::move(found);
+  ModelRecord& record = candidate.identified.record;
+  record.motion = motion_range(motion.segments);
+  record.source = "live";
+  record.created = iso_time(wall_ns());
+  record.time_taken_s = static_cast<double>(steady_ns() - begin) * 1e-9;
+  consider(axis, std::move(candidate));
+}
+
+std::optional<Identified> IdentificationWorker::identified(std::size_t axis,
+                                                           const SegmentedAxis& motion,
+                                                           const IdentifyOptions& options) {
+  const Interruptible until(give_up_);
   try {
-    const std::int64_t begin = steady_ns();
-    candidate.identified = identify(motion, options);
-    ModelRecord& record = candidate.identified.record;
-    record.motion = motion_range(motion.segments);
-    record.source = "live";
-    record.created = iso_time(wall_ns());
-    record.time_taken_s = static_cast<double>(steady_ns() - begin) * 1e-9;
+    return identify(motion, options);
+  } catch (const Interrupted&) {
+    events_.note("identification_given_up", axes_[axis].name,
+                 "the identification is given up, because the daemon stops");
   } catch (const std::exception& error) {
     note_refusal(axis, std::string("no model was found: ") + error.what());
-    return;
   }
-  consider(axis, std::move(candidate));
+  return std::nullopt;
 }
 
 void IdentificationWorker::consider(std::size_t axis, Pending candidate) {
@@ -562,7 +576,7 @@ void IdentificationWorker::finish() {
       // The motion that would decide it does not come.
       const double judged_s = memory_.moved_s(axis) - candidate->moved_s;
       note_refusal(axis, with_origin("candidate not decided: " +
-                                         progress_of("validated on", judged_s, config_.judge_s),
+                                         progress_of("it was judged on", judged_s, config_.judge_s),
                                      candidate->because));
       candidate.reset();
       // An axis without a model is identified from what is in memory. One that has a model only
@@ -576,7 +590,22 @@ void IdentificationWorker::finish() {
 
 void IdentificationWorker::update(std::vector<AxisStatus>& status) const {
   const std::unique_lock lock(status_mutex_, std::try_to_lock);
-  if (lock.owns_lock()) status = status_;
+  if (!lock.owns_lock()) return;
+  status = status_;
+  if (!identifying_) return;
+  const std::string taken =
+      number(std::round(1e-9 * static_cast<double>(steady_ns() - identifying_->since_ns))) + " s";
+  for (std::size_t i = 0; i < status.size(); ++i) {
+    status[i].activity += i == identifying_->axis
+                              ? "; " + taken + " so far"
+                              : "; waits until " + status[identifying_->axis].name +
+                                    " is identified, " + taken + " so far";
+  }
+}
+
+void IdentificationWorker::set_identifying(std::optional<Identifying> now) {
+  const std::lock_guard lock(status_mutex_);
+  identifying_ = now;
 }
 
 void IdentificationWorker::set_activity(std::size_t axis, const std::string& activity) {

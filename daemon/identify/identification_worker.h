@@ -58,6 +58,8 @@ class IdentificationWorker {
   void cite_with(std::function<std::vector<std::string>(double from_s, double until_s)> files) {
     files_with_ = std::move(files);
   }
+  /// When `stop` is requested, a running identification is given up. Call it before run().
+  void give_up_with(const std::stop_token& stop) { give_up_ = stop; }
   /// Puts the stored models in force. Throws std::runtime_error if one of them cannot be read.
   void restore();
   void run(const std::stop_token& stop);
@@ -92,6 +94,11 @@ class IdentificationWorker {
     double from_s = 0.0;                  // of a diagnosis: begin of the data it was fitted to
     Origin origin = Origin::kDiagnosis;   // of a proposal
   };
+  /// The axis that is being identified, for which the others wait.
+  struct Identifying {
+    std::size_t axis = 0;
+    std::int64_t since_ns = 0;  // steady clock
+  };
   struct Axis {
     std::string name;
     bool rotary = false;
@@ -122,6 +129,9 @@ class IdentificationWorker {
   void step(std::size_t axis, double until_s);
   void seek(std::size_t axis, double until_s, const SegmentedAxis& motion,
             const IdentifyOptions& options);
+  /// Nothing where none was found or the daemon stops; an event says so.
+  [[nodiscard]] std::optional<Identified> identified(std::size_t axis, const SegmentedAxis& motion,
+                                                     const IdentifyOptions& options);
   void renew_noise_floor(std::size_t axis, double until_s);
   void judge_candidate(std::size_t axis, double until_s);
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
@@ -130,6 +140,7 @@ class IdentificationWorker {
   void validate(std::size_t axis, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);
   void set_activity(std::size_t axis, const std::string& activity);
+  void set_identifying(std::optional<Identifying> now);
   void note_refusal(std::size_t axis, const std::string& why, const std::string& detail = "");
 
   MachineDescription machine_;
@@ -141,12 +152,14 @@ class IdentificationWorker {
   Announce announce_;
   std::function<std::vector<std::string>(double, double)> files_with_;
   std::vector<Axis> axes_;
+  std::stop_token give_up_;
   std::mutex config_mutex_;
   std::optional<IdentifyConfig> newer_config_;
   std::mutex proposal_mutex_;
   std::vector<std::optional<Pending>> proposals_;  // one entry per axis
   mutable std::mutex status_mutex_;
   std::vector<AxisStatus> status_;
+  std::optional<Identifying> identifying_;
 };
 
 }  // namespace servotwin::daemon

@@ -39,8 +39,7 @@ double share_of_neighbour(const Model& model, const std::vector<Segment>& beside
       .gain;
 }
 
-ActingAxis acting_axis(const Recording& recording, const std::string& axis,
-                       const std::stop_token& stop) {
+ActingAxis acting_axis(const Recording& recording, const std::string& axis) {
   constexpr ExcerptLimits kPart{.longest_s = 30.0, .used_s = 30.0};
   ActingAxis out;
   std::vector<SegmentedAxis> beside;
@@ -66,7 +65,6 @@ ActingAxis acting_axis(const Recording& recording, const std::string& axis,
   options.must_predict = false;
   options.with_torque = false;
   for (const int modes : {0, 1}) {
-    if (stop.stop_requested()) return out;
     options.modes = modes;
     try {
       const Identified found = identify(beside.front(), options);
@@ -77,7 +75,7 @@ ActingAxis acting_axis(const Recording& recording, const std::string& axis,
         if (share > std::max(out.share, kMinShareOfActing))
           out.share = share, out.name = one.neighbour;
       }
-    } catch (const std::exception&) {
+    } catch (const std::runtime_error&) {
       return out;  // the fit that wants to know says why
     }
     if (!out.name.empty()) return out;

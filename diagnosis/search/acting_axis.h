@@ -5,7 +5,6 @@
 // Any thread; no clock.
 #pragma once
 
-#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -35,8 +34,7 @@ struct ActingAxis {
 
 /// The axis that acts on `axis`, beside models that are identified for this from at most 30 s of
 /// the recording: some seconds. None where the recording has fewer than two other axes with
-/// commands, or no model can be identified, or when `stop` is requested.
-[[nodiscard]] ActingAxis acting_axis(const Recording& recording, const std::string& axis,
-                                     const std::stop_token& stop = {});
+/// commands, or no model can be identified.
+[[nodiscard]] ActingAxis acting_axis(const Recording& recording, const std::string& axis);
 
 }  // namespace servotwin

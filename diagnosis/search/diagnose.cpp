@@ -13,6 +13,7 @@
 #include "diagnosis/search/unexplained.h"
 #include "diagnosis/statistics/text.h"
 #include "diagnosis/statistics/thresholds.h"
+#include "identification/least_squares/interruption.h"
 #include "identification/loop/deviations.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/pole_search.h"
@@ -504,7 +505,6 @@ Diagnosis diagnose_repeatedly(const SegmentedAxis& axis, const DiagnoseOptions& 
       }
       first.steps.push_back(attempt.words + ": explains no more");
     } catch (const std::runtime_error& error) {
-      if (options.stop.stop_requested()) throw;
       first.steps.push_back(attempt.words + ": " + error.what());
     }
   }
@@ -524,7 +524,6 @@ Diagnosis diagnose_away_from_limit(const SegmentedAxis& axis, const DiagnoseOpti
       out = diagnose_repeatedly(free, options);
       out.limit_left_out = true;
     } catch (const std::runtime_error&) {  // what is left has no motion where a fit needs it
-      if (options.stop.stop_requested()) throw;
     }
   }
   if (!out.limit_left_out) out = diagnose_repeatedly(axis, options);
@@ -537,7 +536,7 @@ Diagnosis diagnose_away_from_limit(const SegmentedAxis& axis, const DiagnoseOpti
 }  // namespace
 
 void DiagnoseOptions::begin(std::string_view what) const {
-  if (stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
+  throw_if_interrupted();
   if (progress) progress(what);
 }
 

@@ -16,7 +16,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <stop_token>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -119,17 +118,17 @@ struct DiagnoseOptions {
   /// repeats the diagnosis with another division into training data and hold-out, so that both
   /// contain a part of the error. False: the division is by time alone.
   bool balance = true;
-  std::stop_token stop;  ///< asks a running diagnosis to stop: it throws before its next fit
   /// Is told what is tried next ("cogging"), before every fit, and by several threads at once.
   std::function<void(std::string_view)> progress;
 
-  /// Before a fit: tells, and throws std::runtime_error where the diagnosis was asked to stop.
+  /// Before a fit: tells, and throws Interrupted where the thread is interrupted.
   void begin(std::string_view what) const;
 };
 
 /// The diagnosis of an axis. Moments in which a recorded torque is at the limit of the motor are
 /// left out (identification/torque/torque_limit.h). Throws std::runtime_error where `identify`
-/// does, and where it was asked to stop. Any thread.
+/// does, and Interrupted where the thread is interrupted (least_squares/interruption.h). Any
+/// thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
 /// The segments after this time, to judge a model on, with the motion before it as lead-in.

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "identification/least_squares/interruption.h"
+
 namespace servotwin {
 
 namespace {
@@ -89,6 +91,7 @@ bool fit_within(const BoundedProblem& problem, const BoundedOptions& options, Ei
     const Eigen::VectorXd damped = scale.cwiseMax(kMinColumnRatio * scale.maxCoeff());
     bool better = false, ends = false;
     while (!better && round < options.rounds && damping < kMaxDamping) {
+      throw_if_interrupted();
       ++round;
       Eigen::MatrixXd with = h;
       with.diagonal() += damping * damped;

@@ -29,6 +29,7 @@ struct BoundedOptions {
 
 /// Lowers the sum of squares from `x`, which is finite and is first put within the bounds; `x` is
 /// then the best point found. False where there are no residuals or derivatives at the start.
+/// Throws Interrupted where the thread is interrupted (interruption.h).
 bool fit_within(const BoundedProblem& problem, const BoundedOptions& options, Eigen::VectorXd& x);
 
 /// argmin s'Hs/2 + g's within the bounds; H is positive definite, 0 lies within.

@@ -8,6 +8,8 @@
 #include <thread>
 #include <vector>
 
+#include "identification/least_squares/interruption.h"
+
 namespace servotwin {
 
 namespace {
@@ -31,15 +33,20 @@ void keep_freed_memory() {
 void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work) {
   const std::size_t threads = inside_worker ? 1 : std::min(allowed.load(), count);
   if (threads <= 1) {
-    for (std::size_t i = 0; i < count; ++i) work(i);
+    for (std::size_t i = 0; i < count; ++i) {
+      throw_if_interrupted();
+      work(i);
+    }
     return;
   }
   std::atomic<std::size_t> next{0};
   std::vector<std::exception_ptr> thrown(count);
-  const auto take = [&] {
+  const auto take = [&, stop = interruption()] {
+    const Interruptible until(stop);
     inside_worker = true;
     for (std::size_t i = next++; i < count; i = next++) {
       try {
+        throw_if_interrupted();
         work(i);
       } catch (...) {
         thrown[i] = std::current_exception();

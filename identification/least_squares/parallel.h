@@ -20,7 +20,7 @@ void use_threads(std::size_t count);
 void keep_freed_memory();
 
 /// Calls work(0) .. work(count - 1), each once. Throws what the first of them by index throws,
-/// after all that began have ended.
+/// after all that began have ended; Interrupted where the calling thread is interrupted.
 void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work);
 
 }  // namespace servotwin

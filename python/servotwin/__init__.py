@@ -192,8 +192,7 @@ def diagnose(
     """What the simulation of an axis gets wrong, and why, as of `servotwin diagnose`.
 
     earlier: a model of this axis, to find what has changed since; leave_out: causes that are not
-    searched for; training_share: None for the division that the diagnosis finds best. Ctrl-C ends it
-    after its present fit.
+    searched for; training_share: None for the division that the diagnosis finds best.
     """
     if isinstance(leave_out, str):
         leave_out = [leave_out]

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <stop_token>
+#include <thread>
 
 #include "tests/daemon/ball_screw.h"
 #include "tests/daemon/full_disk.h"
@@ -17,6 +19,7 @@ namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
+using testing::MatchesRegex;
 using testing::Not;
 
 const virtual_machine::AxisRecord& machine_record() {
@@ -116,6 +119,39 @@ TEST_F(WorkerTest, DoesNothingUntilTheWindowIsFullOfMotion) {
   stand(60.0);
   EXPECT_FALSE(worker_->look(0));
   EXPECT_THAT(status().activity, HasSubstr("collecting: 0.0 of 6.0 s of motion"));
+}
+
+TEST_F(WorkerTest, AnIdentificationIsGivenUpWhenTheDaemonStops) {
+  restart();
+  std::stop_source stop;
+  worker_->give_up_with(stop.get_token());
+  run_machine(6.5);
+  stop.request_stop();
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "identification_given_up") << said_.str();
+  EXPECT_EQ(status().refused, 0U) << "nothing is wrong with the motion";
+}
+
+TEST_F(WorkerTest, WhileOneAxisIsIdentifiedTheStatusSaysThatOthersWait) {
+  machine_.axes.push_back({"Y", false, ""});
+  in_force_ = std::vector<LatestValue<TwinInForce>>(2);
+  // Long enough to be seen: with modes, and stopped when it has been.
+  config_.options.method = Method::kJoint;
+  config_.options.modes = 3;
+  restart();
+  std::stop_source stop;
+  worker_->give_up_with(stop.get_token());
+  run_machine(6.5);
+  std::vector<AxisStatus> seen;
+  {
+    const std::jthread working([&] { worker_->look(0); });
+    while (seen.empty() || seen.at(1).activity == "waiting for motion") worker_->update(seen);
+    stop.request_stop();
+  }
+  EXPECT_THAT(seen.at(0).activity, MatchesRegex("identifying loop and friction .*; 0 s so far"));
+  EXPECT_EQ(seen.at(1).activity, "waiting for motion; waits until X is identified, 0 s so far");
+  worker_->update(seen);
+  EXPECT_EQ(seen.at(1).activity, "waiting for motion") << "nothing is being identified now";
 }
 
 TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
@@ -490,7 +526,7 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
   run_machine(1.0);
   worker_->finish();
   EXPECT_THAT(newest_event().text,
-              HasSubstr("candidate not decided: validated on: 1.5 of 3.0 s of motion"));
+              HasSubstr("candidate not decided: it was judged on 1.5 of 3.0 s of motion"));
 }
 
 // On a busy host the diagnosis of a whole recording was done before the first identification: its
@@ -511,7 +547,7 @@ TEST_F(WorkerTest, AtTheEndAnAxisWithoutAModelIsIdentifiedWhateverIsProposed) {
   worker_->propose(0, proposed, "as the diagnosis found", 0.0, 10.0);
   worker_->finish();
   EXPECT_THAT(said_.str(),
-              HasSubstr("validated on: 0.0 of 3.0 s of motion; as the diagnosis found"));
+              HasSubstr("it was judged on 0.0 of 3.0 s of motion; as the diagnosis found"));
   ASSERT_EQ(announced_.size(), 1U) << said_.str();
   EXPECT_THAT(announced_[0].reason, Not(HasSubstr("as the diagnosis found")));
 }
