@@ -82,6 +82,11 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
   for (const std::string& program : news.gone) gone(program);
   for (const ProgramFolder::Found& found : news.found) {
     from_folder_[found.program] = found.revision;
+    if (!found.renamed.empty())
+      events_.note("program_renamed", "",
+                   "ilc.programs: " + in_quotes(found.renamed) + " is program " +
+                       in_quotes(found.program) +
+                       ": names of programs have letters, digits and . _ - only");
     if (!found.problem.empty()) refuse({found.program, found.revision, found.problem});
     for (const ProgramChunk& chunk : found.chunks) take(chunk, now_ns);
   }

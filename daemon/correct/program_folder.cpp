@@ -22,6 +22,19 @@ bool is_named_as_program(const fs::path& file) {
   return kind == ".csv" && file.filename().string().front() != '.';
 }
 
+/// A file that must say in its header what its columns are: nobody gives options with it.
+Recording by_its_header(const fs::path& file) {
+  try {
+    return read_recording(file);
+  } catch (const std::exception& error) {
+    const std::string why = error.what();
+    if (why.find("--columns") == why.npos && why.find("--rate") == why.npos) throw;
+    throw std::runtime_error(why +
+                             ". These are options of the command line; the header of a program "
+                             "says it, as time[s],X.command[mm],Y.command[mm] does");
+  }
+}
+
 }  // namespace
 
 std::vector<ProgramChunk> read_program(const fs::path& file, const std::string& program,
@@ -32,7 +45,7 @@ std::vector<ProgramChunk> read_program(const fs::path& file, const std::string& 
     throw std::runtime_error(file.string() + " has " + std::to_string(bytes) +
                              " bytes, and at most " + std::to_string(kMaxProgramFile_bytes) +
                              " are read");
-  const Recording path = recorded_cycles(read_recording(file)).recording;
+  const Recording path = recorded_cycles(by_its_header(file)).recording;
   require_kinds(path, machine.axes, "the machine");
   std::vector<ProgramChunk> chunks = program_chunks(path, program, true, revision);
   if (chunks.empty()) throw std::runtime_error(file.string() + " has no rows");
@@ -89,7 +102,8 @@ std::map<fs::path, ProgramFolder::File> ProgramFolder::files(std::error_code& er
 
 ProgramFolder::Found ProgramFolder::read(const fs::path& file, const File& known,
                                          std::uint64_t revision) const {
-  Found out{known.program, revision, {}, {}};
+  Found out{known.program, revision, {}, {}, {}};
+  if (file.stem() != known.program) out.renamed = file.filename().string();
   const auto same_name = [&](const auto& other) {
     return other.first < file && other.second.program == known.program;
   };

@@ -53,6 +53,7 @@ class ProgramFolder {
     std::vector<ProgramChunk>
         chunks;           ///< complete; empty: it cannot be used, and `problem` says why
     std::string problem;  ///< one line with the file's path
+    std::string renamed;  ///< its file, if the name of the program is not that of the file
   };
   struct News {
     std::vector<Found> found;

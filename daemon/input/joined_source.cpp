@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "daemon/between/clock.h"
 #include "daemon/between/report_period.h"
@@ -18,6 +19,8 @@ constexpr double kFollowerTimeout_s = 0.1;
 constexpr double kMaxWait_s = 0.02;
 // Three times what the clocks take to be known.
 constexpr std::int64_t kUnknown_ns = 10'000'000'000;
+// Without anything from the second source for so long, it is said at once.
+constexpr std::int64_t kGone_ns = 1'000'000'000;
 
 }  // namespace
 
@@ -102,6 +105,33 @@ SourceState JoinedSource::state(std::int64_t now_ns) const {
   return out;
 }
 
+void JoinedSource::tell_absent(std::uint64_t absent, std::int64_t now_ns,
+                               std::vector<SourceNews>& lines) {
+  const std::string& second = parts_[1].name;
+  const std::string cycles = counted(absent - reported_absent_, "cycle");
+  if (std::exchange(seen_absent_, absent) == absent) {  // it is there, or no cycles come at all
+    absent_since_ns_ = 0;
+    if (std::exchange(reported_gone_, false)) {
+      lines.push_back({second + " is back: it had nothing for " + cycles, true});
+      reported_absent_ = absent;
+      reported_ns_ = now_ns;
+      return;
+    }
+  } else if (absent_since_ns_ == 0) {
+    absent_since_ns_ = now_ns;
+  } else if (!reported_gone_ && now_ns - absent_since_ns_ >= kGone_ns) {
+    reported_gone_ = true;
+    lines.push_back({second + " has nothing for the cycles of " + parts_[0].name +
+                     ": what it gives is missing"});
+  }
+  if (reported_gone_ || absent == reported_absent_ ||
+      (reported_ns_ != 0 && now_ns - reported_ns_ < kReportPeriod_ns))
+    return;
+  lines.push_back({second + " had nothing for " + cycles});
+  reported_absent_ = absent;
+  reported_ns_ = now_ns;
+}
+
 std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
   std::vector<SourceNews> lines;
   for (Part& part : parts_) {
@@ -147,13 +177,7 @@ std::vector<SourceNews> JoinedSource::news(std::int64_t now_ns) {
          "on; nothing from " +
          second + " is used"});
   }
-  if (now.absent > reported_absent_ &&
-      (reported_ns_ == 0 || now_ns - reported_ns_ >= kReportPeriod_ns)) {
-    lines.push_back(
-        {second + " had nothing for " + counted(now.absent - reported_absent_, "cycle")});
-    reported_absent_ = now.absent;
-    reported_ns_ = now_ns;
-  }
+  tell_absent(now.absent, now_ns, lines);
   return lines;
 }
 

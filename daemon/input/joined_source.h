@@ -39,6 +39,7 @@ class JoinedSource final : public FrameSource {
   void follow(const std::stop_token& stop) noexcept;
   void read_clocks() noexcept;
   void publish_clocks() noexcept;
+  void tell_absent(std::uint64_t absent, std::int64_t now_ns, std::vector<SourceNews>& lines);
 
   std::array<Part, 2> parts_;
   FrameJoin join_;
@@ -57,7 +58,9 @@ class JoinedSource final : public FrameSource {
   // Of news().
   bool reported_settled_ = false, reported_unknown_ = false;
   std::int64_t unknown_since_ns_ = 0;  // 0: they are known, or no frames come
-  std::uint64_t reported_absent_ = 0;
+  std::uint64_t reported_absent_ = 0, seen_absent_ = 0;
+  bool reported_gone_ = false;
+  std::int64_t absent_since_ns_ = 0;  // 0: the last news() saw none
   std::int64_t reported_ns_ = 0;
 
   std::jthread follower_;  // last: joined before the rest goes

@@ -108,6 +108,25 @@ TEST_F(ProgramFolderTest, IsFoundAgainOnlyWhereItIsAskedFor) {
   EXPECT_THAT(look().found, IsEmpty());
 }
 
+TEST_F(ProgramFolderTest, AFileWhoseNameCannotBeThatOfAProgramSaysSo) {
+  write("a.csv", path_of(20));
+  write("bad name.csv", path_of(20));
+  const ProgramFolder::News news = settled();
+  ASSERT_EQ(news.found.size(), 2U);
+  EXPECT_EQ(news.found[0].renamed, "");
+  EXPECT_EQ(news.found[1].program, "bad_name");
+  EXPECT_EQ(news.found[1].renamed, "bad name.csv");
+}
+
+TEST_F(ProgramFolderTest, AHeaderThatIsNoneOfAPathSaysWhatItNeeds) {
+  write("a.csv", "t,x\n0,1\n0.001,2\n");
+  const ProgramFolder::News news = settled();
+  ASSERT_EQ(news.found.size(), 1U);
+  EXPECT_THAT(news.found[0].problem,
+              HasSubstr(". These are options of the command line; the header of a program says it, "
+                        "as time[s],X.command[mm],Y.command[mm] does"));
+}
+
 TEST_F(ProgramFolderTest, OtherFilesAreLeftAlone) {
   write("notes.txt", "x");
   write(".part.csv.swp", "x");

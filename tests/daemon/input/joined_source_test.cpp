@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <string>
@@ -21,6 +22,7 @@ using testing::ElementsAre;
 using testing::Field;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::MatchesRegex;
 using testing::Not;
 
 /// Frames of one axis every millisecond; `stamped`: by a clock that goes on.
@@ -30,6 +32,10 @@ class Made final : public FrameSource {
       : count_(count), stamped_(stamped), actual_(actual) {}
   Received receive(MachineFrame& frame, double) noexcept override {
     if (next_ == count_) return Received::kEnd;
+    if (paused.load()) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      return Received::kNothing;
+    }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     frame.sequence = next_++;
     frame.time_ns = stamped_ ? steady_ns() : 7;
@@ -49,6 +55,8 @@ class Made final : public FrameSource {
     return std::exchange(news_, {});
   }
 
+  std::atomic<bool> paused{false};
+
  private:
   std::uint64_t next_ = 0, count_;
   bool stamped_;
@@ -56,10 +64,12 @@ class Made final : public FrameSource {
   std::vector<SourceNews> news_{{"is made", true}};
 };
 
-JoinedSource joined(std::uint64_t count, bool stamped) {
+JoinedSource joined(std::uint64_t count, bool stamped, Made** second = nullptr) {
+  auto can = std::make_unique<Made>(100'000, true, 2.0);
+  if (second != nullptr) *second = can.get();
   std::array<JoinedSource::Part, 2> parts{
       JoinedSource::Part{std::make_unique<Made>(count, stamped, 1.0), "dds"},
-      {std::make_unique<Made>(100'000, true, 2.0), "can"}};
+      {std::move(can), "can"}};
   return {std::move(parts), {{{0, 0}, {1, 0}}}, {1e-3, 1e-3}};
 }
 
@@ -93,6 +103,36 @@ TEST(JoinedSource, GivesTheCyclesOfTheFirstAndEndsWithIt) {
   EXPECT_THAT(first, Contains("can: is made"));
   EXPECT_THAT(first, Contains(HasSubstr("that of dds; what comes from can")));
   EXPECT_THAT(said(), Not(Contains(HasSubstr("made"))));
+}
+
+TEST(JoinedSource, ASecondSourceThatIsGoneIsNamedAtOnceAndWhenItIsBack) {
+  Made* can = nullptr;
+  JoinedSource source = joined(100'000, true, &can);
+  MachineFrame frame;
+  std::int64_t now = steady_ns();
+  // What is said after half a second more of cycles.
+  const auto said = [&] {
+    for (int i = 0; i < 100; ++i) EXPECT_EQ(source.receive(frame, 10.0), Received::kFrame);
+    std::vector<std::string> lines;
+    for (const SourceNews& one : source.news(now += 500'000'000)) lines.push_back(one.text);
+    return lines;
+  };
+  while (!source.state(steady_ns()).clocks->settled) (void)source.receive(frame, 10.0);
+  // Single cycles are reported once a minute: the next report has been made just now.
+  can->paused = true;
+  (void)said();
+  can->paused = false;
+  (void)said(), (void)said();
+  can->paused = true;
+  EXPECT_THAT(said(), IsEmpty());
+  EXPECT_THAT(said(), IsEmpty());
+  EXPECT_THAT(said(),
+              ElementsAre("can has nothing for the cycles of dds: what it gives is missing"));
+  EXPECT_THAT(said(), IsEmpty());
+  can->paused = false;
+  EXPECT_THAT(said(), IsEmpty()) << "some cycles were still without";
+  EXPECT_THAT(said(), ElementsAre(MatchesRegex("can is back: it had nothing for 4.. cycles")));
+  EXPECT_THAT(said(), IsEmpty());
 }
 
 TEST(JoinedSource, StampsThatDoNotGoOnAreNamedAfterAWhile) {
