@@ -86,7 +86,8 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
       events_.note("program_renamed", "",
                    "ilc.programs: " + in_quotes(found.renamed) + " is program " +
                        in_quotes(found.program) +
-                       ": names of programs have letters, digits and . _ - only");
+                       ": a name has at most 63 letters, digits or . _ - and begins with no dot; "
+                       "rename the file to choose it");
     if (!found.problem.empty()) refuse({found.program, found.revision, found.problem});
     for (const ProgramChunk& chunk : found.chunks) take(chunk, now_ns);
   }

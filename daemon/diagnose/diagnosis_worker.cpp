@@ -67,10 +67,10 @@ void DiagnosisWorker::restore() {
 }
 
 void DiagnosisWorker::run(const std::stop_token& stop) {
-  while (!stop.stop_requested()) {
+  const auto ends = [&] { return stop.stop_requested() || give_up_.stop_requested(); };
+  while (!ends()) {
     bool any = false;
-    for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
-      any = look(axis) || any;
+    for (std::size_t axis = 0; axis < axes_.size() && !ends(); ++axis) any = look(axis) || any;
     if (!any) std::this_thread::sleep_for(kDiagnosisPause);
   }
 }
@@ -143,7 +143,7 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     options_.encoder_in_loop =
         own == config_.encoder_in_loop_of.end() ? config_.encoder_in_loop : own->second;
     Diagnosis diagnosis = diagnose(motion, options_);
-    const std::optional<TorqueDiagnosis> torque = torque_of(motion);
+    std::optional<TorqueDiagnosis> torque = torque_of(motion);
     if (torque) heed(*torque, diagnosis);
     const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin);
     const Event event =
@@ -162,6 +162,8 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
           to_json(diagnosis.extended).dump()},
          event);
     propose(axis, diagnosis, from_s, until_s);
+  } catch (const Interrupted&) {
+    events_.note("diagnosis_given_up", name, "the diagnosis is given up, because the daemon stops");
   } catch (const std::exception& error) {
     events_.note("diagnosis_failed", name, std::string("no diagnosis: ") + error.what());
   }

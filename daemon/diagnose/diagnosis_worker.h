@@ -13,8 +13,8 @@
 // result and failure are events with their reason.
 //
 // One worker thread at idle priority, one axis at a time. When the daemon is asked to stop, a
-// running diagnosis is aborted before its next fit; when a replay has ended, it is finished. The
-// constructor and restore() run before the thread, finish() after it.
+// running diagnosis is given up; when a replay has ended, it is finished. The constructor and
+// restore() run before the thread, finish() after it.
 #pragma once
 
 #include <functional>

@@ -120,10 +120,10 @@ void IdentificationWorker::restore() {
 }
 
 void IdentificationWorker::run(const std::stop_token& stop) {
-  while (!stop.stop_requested()) {
+  const auto ends = [&] { return stop.stop_requested() || give_up_.stop_requested(); };
+  while (!ends()) {
     bool any = false;
-    for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
-      any = look(axis) || any;
+    for (std::size_t axis = 0; axis < axes_.size() && !ends(); ++axis) any = look(axis) || any;
     if (!any) std::this_thread::sleep_for(kIdentificationPause);
   }
 }
@@ -570,7 +570,7 @@ void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& mod
 void IdentificationWorker::finish() {
   for (std::size_t axis = 0; axis < axes_.size(); ++axis) {
     std::optional<Pending>& candidate = axes_[axis].candidate;
-    while (look(axis) || candidate) {
+    while (!give_up_.stop_requested() && (look(axis) || candidate)) {
       if (!candidate || memory_.time_when_moved(axis, candidate->moved_s + config_.judge_s))
         continue;
       // The motion that would decide it does not come.
@@ -598,7 +598,7 @@ void IdentificationWorker::update(std::vector<AxisStatus>& status) const {
   for (std::size_t i = 0; i < status.size(); ++i) {
     status[i].activity += i == identifying_->axis
                               ? "; " + taken + " so far"
-                              : "; waits until " + status[identifying_->axis].name +
+                              : "; on hold while " + status[identifying_->axis].name +
                                     " is identified, " + taken + " so far";
   }
 }

@@ -94,7 +94,11 @@ void FrameJoin::join(const MachineFrame& first, std::int64_t moment_ns,
                      MachineFrame& frame) noexcept {
   Between at;
   const bool known = clocks_known() && between(moment_ns, at);
-  if (!known && clocks_known()) ++clocks_.absent;
+  if (known) {
+    ++present_;
+  } else if (clocks_known()) {
+    ++clocks_.absent;
+  }
   const auto position = [&](std::size_t axis, double AxisSample::*channel) {
     double sum = 0.0;
     for (std::size_t i = 0; i < at.samples.size(); ++i) {

@@ -57,6 +57,8 @@ class FrameJoin {
   /// The moment of the last cycle that was taken, steady clock.
   [[nodiscard]] std::int64_t moment_ns() const noexcept { return moment_ns_; }
   [[nodiscard]] const ClockDifference& clocks() const noexcept { return clocks_; }
+  /// Cycles for which the second had a sample.
+  [[nodiscard]] std::uint64_t present() const noexcept { return present_; }
   /// Whether it is known what the clock of a stream shows.
   [[nodiscard]] bool clock_known(std::size_t stream) const noexcept {
     return by_wall_clock_[stream] || lines_[stream].settled();
@@ -95,6 +97,7 @@ class FrameJoin {
   std::size_t first_waiting_ = 0, waiting_count_ = 0;
   std::int64_t moment_ns_ = 0;
   ClockDifference clocks_;
+  std::uint64_t present_ = 0;
 };
 
 }  // namespace servotwin::daemon

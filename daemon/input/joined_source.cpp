@@ -68,6 +68,7 @@ void JoinedSource::publish_clocks() noexcept {
   ahead_s_.store(now.ahead_s, std::memory_order_relaxed);
   drift_.store(now.drift, std::memory_order_relaxed);
   absent_.store(now.absent, std::memory_order_relaxed);
+  present_.store(join_.present(), std::memory_order_relaxed);
 }
 
 Received JoinedSource::receive(MachineFrame& frame, double timeout_s) noexcept {
@@ -109,17 +110,20 @@ void JoinedSource::tell_absent(std::uint64_t absent, std::int64_t now_ns,
                                std::vector<SourceNews>& lines) {
   const std::string& second = parts_[1].name;
   const std::string cycles = counted(absent - reported_absent_, "cycle");
-  if (std::exchange(seen_absent_, absent) == absent) {  // it is there, or no cycles come at all
+  const std::uint64_t present = present_.load(std::memory_order_relaxed);  // for people
+  const bool came = std::exchange(seen_present_, present) < present,
+             missed = std::exchange(seen_absent_, absent) < absent;
+  // Where neither is so, no cycles come that it could have something for.
+  if (came) {
     absent_since_ns_ = 0;
     if (std::exchange(reported_gone_, false)) {
       lines.push_back({second + " is back: it had nothing for " + cycles, true});
       reported_absent_ = absent;
       reported_ns_ = now_ns;
-      return;
     }
-  } else if (absent_since_ns_ == 0) {
+  } else if (missed && absent_since_ns_ == 0) {
     absent_since_ns_ = now_ns;
-  } else if (!reported_gone_ && now_ns - absent_since_ns_ >= kGone_ns) {
+  } else if (missed && !reported_gone_ && now_ns - absent_since_ns_ >= kGone_ns) {
     reported_gone_ = true;
     lines.push_back({second + " has nothing for the cycles of " + parts_[0].name +
                      ": what it gives is missing"});

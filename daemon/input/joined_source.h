@@ -54,13 +54,13 @@ class JoinedSource final : public FrameSource {
   std::atomic<bool> settled_{false};
   std::array<std::atomic<bool>, 2> known_{};
   std::atomic<double> ahead_s_{0.0}, drift_{0.0};
-  std::atomic<std::uint64_t> absent_{0}, malformed_{0};
+  std::atomic<std::uint64_t> absent_{0}, present_{0}, malformed_{0};
   // Of news().
   bool reported_settled_ = false, reported_unknown_ = false;
   std::int64_t unknown_since_ns_ = 0;  // 0: they are known, or no frames come
-  std::uint64_t reported_absent_ = 0, seen_absent_ = 0;
+  std::uint64_t reported_absent_ = 0, seen_absent_ = 0, seen_present_ = 0;
   bool reported_gone_ = false;
-  std::int64_t absent_since_ns_ = 0;  // 0: the last news() saw none
+  std::int64_t absent_since_ns_ = 0;  // 0: the last news() saw some of its samples
   std::int64_t reported_ns_ = 0;
 
   std::jthread follower_;  // last: joined before the rest goes

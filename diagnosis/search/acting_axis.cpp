@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
+#include <stdexcept>
 
 #include "diagnosis/search/screen.h"
 #include "diagnosis/statistics/thresholds.h"

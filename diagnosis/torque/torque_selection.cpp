@@ -13,6 +13,7 @@
 #include "diagnosis/statistics/pieces.h"
 #include "diagnosis/statistics/text.h"
 #include "diagnosis/statistics/thresholds.h"
+#include "identification/least_squares/interruption.h"
 #include "identification/least_squares/parallel.h"
 #include "twin/linear_algebra.h"
 
@@ -176,6 +177,7 @@ class TorqueSelection {
   [[nodiscard]] Looked looked(std::size_t kind, const BlockedRegression::Beside& beside) const {
     Looked out{kind, 0, 0.0, {}};
     const auto try_out = [&](const std::vector<double>& shapes) {
+      throw_if_interrupted();
       // For presliding without the viscous column, which the body already has.
       const TorqueTerm term{kind, shapes, kind == kind_of<Presliding>() ? 1 : 0};
       const double explained = beside.explained(rows_.training(rows_.columns(term)));
@@ -186,9 +188,11 @@ class TorqueSelection {
     if (kind == kind_of<Cogging>() || kind == kind_of<PeriodicDisturbance>()) {
       // Ripples are first ranked without filters; the best ones are then tried with them.
       std::vector<std::pair<double, std::vector<double>>> rough;
-      for (const std::vector<double>& shapes : grid)
+      for (const std::vector<double>& shapes : grid) {
+        throw_if_interrupted();
         rough.emplace_back(-beside.explained(rows_.training(rows_.rough_waves(kind, shapes[0]))),
                            shapes);
+      }
       out.points = grid.size();
       std::sort(rough.begin(), rough.end());
       for (std::size_t i = 0; i < std::min<std::size_t>(6, rough.size()); ++i)
@@ -374,6 +378,7 @@ class TorqueSelection {
       const BlockedRegression::Beside beside(data, rows_.training(base));
       std::vector<std::pair<double, double>> rough;
       for (const double one : periods) {
+        throw_if_interrupted();
         rough.emplace_back(
             -beside.explained(rows_.training(rows_.rough_waves(kind_of<Cogging>(), one))), one);
       }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <ceres/iteration_callback.h>
+#include <ceres/problem.h>
 #include <ceres/solver.h>
 #include <glog/logging.h>
 
@@ -21,14 +22,12 @@ class UntilInterrupted : public ceres::IterationCallback {
 /// Levenberg-Marquardt that ends after this many rounds, or where a step changes the cost by less
 /// than this share of it. With bounds Ceres also searches along every step. By cubics, its default,
 /// that asks for a Jacobian at every point that it tries, four times the work; by quadratics for
-/// the cost alone. Throws Interrupted where the thread is interrupted; a search that has begun ends
-/// then without a solution.
+/// the cost alone. For solve_bounded().
 [[nodiscard]] inline ceres::Solver::Options bounded_options(ceres::LinearSolverType solver,
                                                             int rounds, double tolerance) {
   // What Ceres logs of a step that led nowhere, which a search takes in its stride, would appear
   // between the lines of the program. Once: the level is a global of all threads.
   [[maybe_unused]] static const int level = FLAGS_minloglevel = google::GLOG_FATAL;
-  throw_if_interrupted();
   static UntilInterrupted until_interrupted;
   ceres::Solver::Options out;
   out.callbacks.push_back(&until_interrupted);
@@ -38,6 +37,17 @@ class UntilInterrupted : public ceres::IterationCallback {
   out.line_search_interpolation_type = ceres::QUADRATIC;
   out.logging_type = ceres::SILENT;
   return out;
+}
+
+/// Solves the problem. Throws Interrupted where the thread is interrupted meanwhile: what Ceres has
+/// then is no solution.
+inline ceres::Solver::Summary solve_bounded(const ceres::Solver::Options& options,
+                                            ceres::Problem& problem) {
+  throw_if_interrupted();
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  throw_if_interrupted();
+  return summary;
 }
 
 }  // namespace servotwin

@@ -59,6 +59,7 @@ void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work
     for (std::size_t i = 1; i < threads; ++i) others.emplace_back(take);
     take();
   }
+  throw_if_interrupted();
   for (const std::exception_ptr& one : thrown) {
     if (one) std::rethrow_exception(one);
   }

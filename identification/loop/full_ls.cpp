@@ -135,8 +135,8 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
         problem.SetParameterLowerBound(at.data(), i, low[i]);
         problem.SetParameterUpperBound(at.data(), i, high[i]);
       }
-      ceres::Solver::Summary summary;
-      ceres::Solve(bounded_options(ceres::DENSE_QR, 200, 1e-12), &problem, &summary);
+      const ceres::Solver::Summary summary =
+          solve_bounded(bounded_options(ceres::DENSE_QR, 200, 1e-12), problem);
       if (summary.IsSolutionUsable() && summary.final_cost < best) {
         best = summary.final_cost;
         q = at;

@@ -7,6 +7,7 @@
 #include <nlopt.hpp>
 #include <stdexcept>
 
+#include "identification/least_squares/interruption.h"
 #include "identification/loop/identify.h"
 #include "identification/recording/signals.h"
 #include "twin/twin.h"
@@ -52,6 +53,7 @@ struct Sought {
     return std::isfinite(rms) ? rms : kUnfitted;
   }
   static double cost(unsigned, const double* x, double*, void* given) {
+    if (interruption().stop_requested()) throw nlopt::forced_stop();
     return std::min(static_cast<Sought*>(given)->rms_at(x), std::numeric_limits<double>::max());
   }
 };
@@ -75,6 +77,7 @@ LimitFit with_motor_limit(const Model& loop, std::size_t form,
   double least = kUnfitted;
   for (const double viscous : kViscousParts) {
     for (int i = 0; i < kTriedLimits; ++i) {
+      throw_if_interrupted();
       const std::vector<double> x{
           std::log(most) + std::log(kLowestLimit) * (1.0 - static_cast<double>(i) / kTriedLimits),
           std::log(shapes_of(form)[1].start), std::log(viscous)};
@@ -96,6 +99,7 @@ LimitFit with_motor_limit(const Model& loop, std::size_t form,
     if (found < least) best = x;
   } catch (const std::runtime_error&) {  // its steps have become too small: the best stays
   }
+  throw_if_interrupted();
   const double rms = sought.rms_at(best.data());
   return {sought.model, rms};
 }

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "identification/least_squares/interruption.h"
 #include "identification/response/response_modes.h"
 #include "twin/linear_algebra.h"
 #include "twin/two_pi.h"
@@ -43,6 +44,7 @@ std::vector<Mode> candidates(const Projection& data, const Point& point) {
   std::vector<std::pair<double, Mode>> tried;
   const double step = std::exp2(1.0 / kPerOctave);
   for (double hz = kMinMode_hz; hz < kShareOfNyquist * nyquist_hz; hz *= step) {
+    throw_if_interrupted();
     std::pair<double, Mode> best{1e300, {}};
     for (const double zeta : kGridDamping) {
       Point with = point;

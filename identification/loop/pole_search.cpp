@@ -12,6 +12,7 @@
 #include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
+#include "identification/least_squares/interruption.h"
 #include "identification/least_squares/parallel.h"
 #include "identification/recording/motion_range.h"
 #include "twin/linear_algebra.h"
@@ -271,8 +272,7 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
   // A step that changes the parameters by this share of them changes the cost by less than its
   // tolerance, unless the derivatives are wrong there: then a smaller one does not help.
   options.parameter_tolerance = 1e-3 * std::sqrt(search.tolerance);
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  const ceres::Solver::Summary summary = solve_bounded(options, problem);
 
   Candidate out;
   out.point = cost->point(blocks.data());
@@ -407,6 +407,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   std::vector<Candidate> candidates, clamped;
   if (options.from.empty()) {
     for (const auto& denominator : grid(order, bounds)) {
+      throw_if_interrupted();
       Candidate candidate;
       candidate.point = {denominator, shapes, options.modes};
       const auto solution = coarse.solve(candidate.point);

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "identification/least_squares/chart.h"
+#include "identification/least_squares/interruption.h"
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/free_elements.h"
 #include "identification/loop/gap_scan.h"
@@ -146,6 +147,7 @@ void seek(Start& start, const std::vector<Segment>& segments) {
       return out;
     }
     static double cost(unsigned, const double* x, double*, void* given) {
+      if (interruption().stop_requested()) throw nlopt::forced_stop();
       const auto& all = *static_cast<Sought*>(given);
       const Model model = all.at(x);
       return why_invalid(model).empty() ? rms_on(model, all.segments) / all.unit : kUnfittedRms;
@@ -176,6 +178,7 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   try {
     optimizer.optimize(x, least);
   } catch (const std::runtime_error&) {  // its steps have become too small
+    throw_if_interrupted();
     return;
   }
   start = {sought.at(x.data()), least * sought.unit};

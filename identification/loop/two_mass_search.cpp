@@ -481,8 +481,7 @@ DriveCoordinates refined_from(const TwoMassProjection& data, const Box& box, con
   ceres::Solver::Options options =
       bounded_options(ceres::DENSE_NORMAL_CHOLESKY, kRefineRounds, kRefineTolerance);
   options.max_num_line_search_step_size_iterations = 0;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  solve_bounded(options, problem);
   return x;
 }
 

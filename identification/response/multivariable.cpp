@@ -123,8 +123,7 @@ std::optional<Place> refined(const MultivariableProblem& problem, Place at, Sear
   ceres::Solver::Options options =
       bounded_options(ceres::DENSE_NORMAL_CHOLESKY, kRounds, search.tolerance);
   options.gradient_tolerance = 1e-30;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &solved, &summary);
+  const ceres::Solver::Summary summary = solve_bounded(options, solved);
   if (!summary.IsSolutionUsable()) return std::nullopt;
   return at;
 }

@@ -155,8 +155,7 @@ Relocated refined(const WeightedResponse& p, const Relocated& start) {
       problem.SetParameterLowerBound(x.data(), static_cast<int>(i), std::log(p.least_width));
     i += factor.poles();
   }
-  ceres::Solver::Summary summary;
-  ceres::Solve(bounded_options(ceres::DENSE_QR, 60, 1e-12), &problem, &summary);
+  solve_bounded(bounded_options(ceres::DENSE_QR, 60, 1e-12), problem);
   if (!x.allFinite()) return from;
   Relocated out{cost->factors_at(x.data()), {}};
   out.linear = residues_of(p, out.factors);

@@ -94,8 +94,8 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<SoughtPart>& sough
     problem.SetParameterLowerBound(logs.data(), static_cast<int>(i), logs[i] - kMaxLogChange);
     problem.SetParameterUpperBound(logs.data(), static_cast<int>(i), logs[i] + kMaxLogChange);
   }
-  ceres::Solver::Summary summary;
-  ceres::Solve(bounded_options(ceres::DENSE_QR, 60, 1e-9), &problem, &summary);
+  const ceres::Solver::Summary summary =
+      solve_bounded(bounded_options(ceres::DENSE_QR, 60, 1e-9), problem);
   if (!summary.IsSolutionUsable()) throw std::runtime_error("no finite fit of the axis");
 
   out.parts = with(parts, sought, logs.data());

@@ -247,8 +247,7 @@ std::vector<double> refined(const ForceProjection& projection, std::vector<doubl
     problem.SetParameterLowerBound(x.data(), static_cast<int>(i), projection.axes()[i].lower);
     problem.SetParameterUpperBound(x.data(), static_cast<int>(i), projection.axes()[i].upper);
   }
-  ceres::Solver::Summary summary;
-  ceres::Solve(bounded_options(ceres::DENSE_QR, 100, tolerance), &problem, &summary);
+  solve_bounded(bounded_options(ceres::DENSE_QR, 100, tolerance), problem);
   return x;
 }
 

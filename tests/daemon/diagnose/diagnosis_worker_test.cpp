@@ -21,7 +21,6 @@ namespace {
 
 using nlohmann::json;
 using testing::AllOf;
-using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -118,6 +117,17 @@ TEST_F(DiagnosisWorkerTest, TheFirstIsDueWhenThereIsMotionAndTheNextAfterItsTime
               ElementsAre(HasSubstr("no diagnosis: "), HasSubstr("no diagnosis: ")));
   EXPECT_THAT(events("diagnosis_failed")[0], HasSubstr("X.actual"));
   EXPECT_THAT(announced_, IsEmpty());
+}
+
+TEST_F(DiagnosisWorkerTest, ADiagnosisThatIsGivenUpHasNotFailed) {
+  restart();
+  std::stop_source stop;
+  stop.request_stop();
+  worker_->give_up_with(stop.get_token());
+  run_machine(20.5);
+  EXPECT_TRUE(worker_->look(0));
+  EXPECT_THAT(events("diagnosis_given_up"), SizeIs(1));
+  EXPECT_THAT(events("diagnosis_failed"), IsEmpty());
 }
 
 TEST_F(DiagnosisWorkerTest, MotionThatIsHardlyRememberedIsNotDiagnosed) {
