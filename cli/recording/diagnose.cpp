@@ -271,7 +271,7 @@ void run(const DiagnoseArguments& arguments) {
     }
     return;
   }
-  const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
+  std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
   if (torque) heed(*torque, diagnosis);
   diagnosis.baseline.source = diagnosis.extended.source = arguments.input.source();
   const std::optional<EncoderDifference> encoders = encoder_difference(axis);

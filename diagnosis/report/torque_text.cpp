@@ -41,6 +41,8 @@ std::string doubt_text(const TorqueCause& cause, const std::string& unit) {
                       cause.gain.high, unit.c_str())
                : std::string("not confirmed: too little held-out data");
   }
+  if (cause.doubt == TorqueDoubt::kPosition)
+    return "the position shows " + cause.same_by_position + ", which does the same in the torque";
   return text("confidence %.0f %%, too low to name it", 100.0 * cause.confidence);
 }
 
@@ -52,6 +54,8 @@ const char* key_of(TorqueDoubt doubt) {
       return "holdout_gain";
     case TorqueDoubt::kParameters:
       return "parameters";
+    case TorqueDoubt::kPosition:
+      return "position";
     case TorqueDoubt::kNone:
       break;
   }
@@ -60,8 +64,9 @@ const char* key_of(TorqueDoubt doubt) {
 
 std::string suspected_of(const TorqueCause& cause, const std::string& unit) {
   std::string out = "suspected   by torque " + cause.id + ": " + doubt_text(cause, unit);
-  for (const std::string& rival : cause.ambiguous_with)
-    out += "; the torque does not tell it from " + rival;
+  for (const std::string& rival : cause.ambiguous_with) {
+    if (rival != cause.same_by_position) out += "; the torque does not tell it from " + rival;
+  }
   return out;
 }
 
@@ -259,14 +264,13 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                   {"holdout_rms_after_m", json()},
                   {"ci95", {json(), json()}}};
     whole.update(gain);
-    file["causes"].push_back({{"id", cause.id},
-                              {"confidence", cause.confidence},
-                              {"parameters", parameters},
-                              {"ambiguous_with", cause.ambiguous_with},
-                              {"evidence", evidence},
-                              {"gain", whole},
-                              {"check", check_of(cause)},
-                              {"page", cause_page(cause.id)}});
+    // The verdict begins with the limit as well: it is seen, and the rest is judged away from it.
+    json& causes = file["causes"];
+    json told = {{"id", cause.id},           {"confidence", cause.confidence},
+                 {"parameters", parameters}, {"ambiguous_with", cause.ambiguous_with},
+                 {"evidence", evidence},     {"gain", whole},
+                 {"check", check_of(cause)}, {"page", cause_page(cause.id)}};
+    causes.insert(cause.id == "torque_saturation" ? causes.begin() : causes.end(), std::move(told));
   }
   for (const TorqueCause& cause : torque.suspected)
     file["suspected"].push_back({{"id", cause.id},

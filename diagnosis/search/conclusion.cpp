@@ -39,7 +39,6 @@ constexpr double kMaxUnexplainedShare = 0.5;
 /// Two causes that repeat with position at the same period imitate a third one, and each other: an
 /// error of the screw and one of the encoder together can do what a force ripple does.
 void mark_common_periods(Diagnosis& diagnosis) {
-  constexpr double kSamePeriod = 0.02;  // relative difference; a fit is far more accurate
   const auto period_of = [&](const Cause& cause) {
     const auto& effects = diagnosis.extended.model.effects;
     return cause.place < effects.size()

@@ -46,4 +46,7 @@ struct Hypothesis {
 /// A shape parameter by its name; NaN where the model or the effect has none.
 [[nodiscard]] double shape_of(const Model& model, std::size_t kind, std::string_view name);
 
+/// Relative difference of two periods that are one; a fit is far more accurate.
+inline constexpr double kSamePeriod = 0.02;
+
 }  // namespace servotwin

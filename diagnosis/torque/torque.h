@@ -46,7 +46,8 @@ enum class TorqueDoubt {
   kNone,
   kConfidence,  ///< its confidence is below kMinConfidenceToName, and it has no rival
   kGain,        ///< its gain on held-out data may be zero, or cannot be measured there
-  kParameters   ///< a parameter is not finite or not possible
+  kParameters,  ///< a parameter is not finite or not possible
+  kPosition     ///< the position names another cause, which does the same in the torque
 };
 
 struct TorqueCause {
@@ -54,10 +55,11 @@ struct TorqueCause {
   std::vector<std::pair<std::string, double>> parameters;  ///< keys of the contract
   std::vector<Harmonic> harmonics;                         ///< of cogging
   std::vector<TorqueEvidence> evidence;
-  double confidence = 0.0;
+  double confidence = 0.0;  ///< hit rate of causes with this gain x certainty of the tests
   std::vector<std::string> ambiguous_with;
   Gain gain;  ///< on the hold-out, in the unit of the torque
   TorqueDoubt doubt = TorqueDoubt::kNone;
+  std::string same_by_position;  ///< with TorqueDoubt::kPosition: that cause
 };
 
 struct TorqueDiagnosis {
@@ -107,8 +109,10 @@ struct TorqueDiagnosis {
 /// left, or little more than the white noise.
 [[nodiscard]] bool explained(const TorqueDiagnosis& torque);
 
-/// Removes the causes that the torque names from the suspected and from the not observable ones.
-void heed(const TorqueDiagnosis& torque, Diagnosis& diagnosis);
+/// Brings the two diagnoses of one recording together. What the torque cannot tell from a cause
+/// that the position names is suspected only; what it then names is removed from the suspected and
+/// from the not observable causes of the position.
+void heed(TorqueDiagnosis& torque, Diagnosis& diagnosis);
 
 /// The suffix of JSON keys for this torque unit: "n", "nm", "a", "v" or "percent".
 [[nodiscard]] std::string key_of_unit(const std::string& unit);

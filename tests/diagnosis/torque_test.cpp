@@ -341,6 +341,50 @@ TEST(Torque, ACauseThatHeldOutDataDoNotConfirmIsNotNamed) {
   EXPECT_LE(diagnosis.extended_rms, diagnosis.baseline_rms);
 }
 
+// The control makes the axis follow what it reads: an error of the reading shows in the torque.
+TEST(Torque, ARippleOfTheReadingIsNoCogging) {
+  constexpr double kPeriod_m = 5e-3;
+  Diagnosis position;
+  Effect error;
+  error.kind = kind_of<EncoderError>();
+  error.shape[0] = kPeriod_m;
+  position.extended.model.effects = {error};
+  position.causes.emplace_back().id = "encoder_error";
+  const auto named_at = [&](double period_m) {
+    TorqueDiagnosis torque;
+    TorqueCause& cogging = torque.causes.emplace_back();
+    cogging.id = "cogging";
+    cogging.harmonics = {{period_m, 1.0, kAbsent}};
+    heed(torque, position);
+    EXPECT_EQ(torque.causes.size() + torque.suspected.size(), 1U);
+    if (!torque.suspected.empty()) {
+      EXPECT_EQ(torque.suspected.front().doubt, TorqueDoubt::kPosition);
+    }
+    return !torque.causes.empty();
+  };
+  EXPECT_FALSE(named_at(1.01 * kPeriod_m));
+  EXPECT_TRUE(named_at(1.1 * kPeriod_m)) << "that is another period";
+  position.causes.front().id = "cogging";
+  EXPECT_TRUE(named_at(kPeriod_m)) << "the position shows a force as well";
+}
+
+TEST(Torque, OfTwoThatItCannotTellApartThePositionDecides) {
+  TorqueDiagnosis torque;
+  TorqueCause& weight = torque.causes.emplace_back();
+  weight.id = "gravity_offset";
+  weight.ambiguous_with = {"asymmetric_friction"};
+  Diagnosis position;
+  position.causes.emplace_back().id = "presliding";
+  heed(torque, position);
+  EXPECT_THAT(ids(torque), ElementsAre("gravity_offset"));
+  position.causes.emplace_back().id = "asymmetric_friction";
+  heed(torque, position);
+  EXPECT_THAT(ids(torque), IsEmpty());
+  const std::vector<std::string> lines = torque_lines(torque, false);
+  EXPECT_THAT(lines, Contains("suspected   by torque gravity_offset: the position shows "
+                              "asymmetric_friction, which does the same in the torque"));
+}
+
 TEST(Torque, AMomentIsFoundWhateverTheStamps) {
   for (const double start_s : {0.0, 1194.987, 1e6}) {
     SegmentedAxis axis = recorded(
@@ -511,6 +555,13 @@ TEST(TorqueFile, ACauseOfBothHasTheEvidenceOfBoth) {
   EXPECT_THAT(torque_page(torque, "rig.csv", "no command"),
               testing::AllOf(testing::HasSubstr("was not judged: no command."),
                              testing::Not(testing::HasSubstr("<td>gravity_offset"))));
+
+  TorqueDiagnosis limited = torque;
+  for (const char* id : {"torque_saturation", "cogging"}) limited.causes.emplace_back().id = id;
+  add_torque(file, limited);
+  ASSERT_THAT(file["causes"], SizeIs(3));
+  EXPECT_EQ(file["causes"][0]["id"], "torque_saturation") << "as the verdict begins with it";
+  EXPECT_EQ(file["causes"][2]["id"], "cogging");
 
   const nlohmann::json alone = torque_alone(torque, "no command");
   EXPECT_TRUE(alone["suspected"].is_array());

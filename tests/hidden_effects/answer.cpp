@@ -80,7 +80,7 @@ Answer ask(const std::string& csv, const std::vector<std::string>& leave_out) {
     return answer_of([&] {
       Diagnosis diagnosis = diagnose(axis, options);
       if (!has_torque(axis)) return to_json(diagnosis, "");
-      const TorqueDiagnosis torque = diagnose_torque(axis, options);
+      TorqueDiagnosis torque = diagnose_torque(axis, options);
       heed(torque, diagnosis);
       nlohmann::json file = to_json(diagnosis, "");
       add_torque(file, torque);

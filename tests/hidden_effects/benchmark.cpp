@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "identification/least_squares/parallel.h"
+#include "tests/hidden_effects/by_torque.h"
 #include "tests/hidden_effects/changes.h"
 #include "tests/hidden_effects/floors.h"
 #include "tests/hidden_effects/score.h"
@@ -29,7 +30,7 @@ struct Options {
   int cases = 4, clean = 20, pairs = 20, faint = 1, blind = 2, outside = 0, changed = 0, first = 0;
   std::vector<std::string> effects;
   std::vector<std::string> leave_out;
-  int jobs = 1, floor = 0;
+  int jobs = 1, floor = 0, by_torque = 0;
   bool gaps = false;
   Class size = Class::kClear;
   Recorded recorded = Torque::kHalf;
@@ -174,6 +175,25 @@ void print_noise_floors(const Options& options) {
   print_floors(floors, std::cout);
 }
 
+/// What the torque alone names on that many machines of every effect, and five times as many clean
+/// ones.
+void print_causes_by_torque(const Options& options) {
+  const Part part = options.part == "dev" ? Part::kDev : Part::kTest;
+  constexpr int kCleanPerCase = 5;
+  std::vector<CauseByTorque> named;
+  const auto take = [&](const Case& made) {
+    for (CauseByTorque& one : named_by_torque(made)) named.push_back(std::move(one));
+  };
+  for (int i = options.first; i < options.first + options.by_torque; ++i) {
+    for (const std::string& id : options.effects.empty() ? effect_ids() : options.effects)
+      take(single_case(part, id, options.size, i, Torque::kAll));
+  }
+  const int clean = kCleanPerCase * options.by_torque;
+  for (int i = options.first; i < options.first + clean; ++i)
+    take(clean_case(part, i, Torque::kAll));
+  print_by_torque(named, std::cout);
+}
+
 int run(int argc, char** argv) {
   CLI::App app{"Hides effects in recordings and counts how often the diagnosis names them."};
   Options options;
@@ -210,6 +230,10 @@ int run(int argc, char** argv) {
   app.add_option("--floor", options.floor,
                  "instead: the noise floors found on so many machines of all kinds")
       ->check(count);
+  app.add_option("--by-torque", options.by_torque,
+                 "instead: how often what the torque alone names is there, on so many machines of "
+                 "every effect and five times as many clean ones")
+      ->check(count);
   app.add_option("--torque", options.recorded.torque,
                  "recordings that contain the torque: none, half (default) or all")
       ->transform(CLI::CheckedTransformer(std::map<std::string, Torque>{
@@ -226,6 +250,10 @@ int run(int argc, char** argv) {
   if (!options.write.empty()) std::filesystem::create_directories(options.write);
   if (options.floor > 0) {
     print_noise_floors(options);
+    return 0;
+  }
+  if (options.by_torque > 0) {
+    print_causes_by_torque(options);
     return 0;
   }
   const std::vector<Outcome> outcomes = run(options);
