@@ -19,7 +19,6 @@ namespace {
 namespace vm = virtual_machine;
 using testing::Contains;
 using testing::HasSubstr;
-using testing::IsEmpty;
 using testing::Not;
 
 constexpr double kMotionStep_s = 1e-3;

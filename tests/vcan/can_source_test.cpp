@@ -20,7 +20,6 @@ namespace servotwin {
 namespace {
 
 using test::drives;
-using test::frame_of;
 using test::ip;
 using testing::HasSubstr;
 

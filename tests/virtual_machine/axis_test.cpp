@@ -18,7 +18,6 @@ namespace servotwin::virtual_machine {
 namespace {
 
 using Eigen::ArrayXd;
-using Eigen::Matrix2d;
 using Eigen::Vector2d;
 
 Axis axis_with_integrator() {

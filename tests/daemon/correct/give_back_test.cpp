@@ -16,7 +16,6 @@
 namespace servotwin::daemon {
 namespace {
 
-using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::SizeIs;
 using Path = std::array<Eigen::ArrayXd, 2>;

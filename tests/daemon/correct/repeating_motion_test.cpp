@@ -17,8 +17,6 @@
 namespace servotwin::daemon {
 namespace {
 
-using testing::ElementsAre;
-
 constexpr double kTolerance = 2e-6;
 constexpr std::size_t kEnd = 100;  // rows that a part rests at its ends, if the pause is as long
 
