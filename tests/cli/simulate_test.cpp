@@ -152,7 +152,8 @@ TEST_F(Simulate, MovesAxesTogetherThatPushEachOther) {
   const Answer together = servotwin_says({"predict", made, "--axis", "X", "--model", model_,
                                           "--axis", "Y", "--model", of_y, "--json", "-"});
   ASSERT_EQ(together.status, 0) << together;
-  for (const json& axis : json::parse(together.out).at("axes")) {
+  const json of_both = json::parse(together.out);
+  for (const json& axis : of_both.at("axes")) {
     EXPECT_LT(axis.at("max_m").get<double>(), 2e-9);
     EXPECT_THAT(axis.at("predicted_from").get<std::string>(), HasSubstr("the commands of"));
   }
