@@ -1,6 +1,7 @@
 #include "daemon/correct/program_folder.h"
 
 #include <algorithm>
+#include <fstream>
 #include <utility>
 #include <variant>
 
@@ -29,9 +30,13 @@ Recording by_its_header(const fs::path& file) {
   } catch (const std::exception& error) {
     const std::string why = error.what();
     if (why.find("--columns") == why.npos && why.find("--rate") == why.npos) throw;
-    throw std::runtime_error(why +
-                             ". These are options of the command line; the header of a program "
-                             "says it, as time[s],X.command[mm],Y.command[mm] does");
+    std::string first;
+    std::getline(std::ifstream(file), first);
+    throw std::runtime_error(
+        file.string() +
+        ": the header of a program names its columns with their units, as "
+        "time[s],X.command[mm],Y.command[mm] does; the first line of this file is " +
+        in_quotes(first));
   }
 }
 

@@ -224,8 +224,10 @@ bool IdentificationWorker::look(std::size_t axis) {
     const double from_s = state.candidate->moved_s;
     set_activity(axis, progress_of("judging a candidate:", moved_s - from_s, config_.judge_s));
     const std::optional<double> until_s = memory_.time_when_moved(axis, from_s + config_.judge_s);
-    if (until_s) judge_candidate(axis, *until_s);
-    return until_s.has_value();
+    if (!until_s) return false;
+    judge_candidate(axis, *until_s);
+    set_activity(axis, "a candidate was judged");
+    return true;
   }
   set_activity(axis, progress_of("collecting:", moved_s - state.moved_s, config_.window_s) +
                          (state.last_step.empty() ? "" : "; last: " + state.last_step));
@@ -424,6 +426,8 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
   set_identifying(Identifying{axis, begin});
   std::optional<Identified> found = identified(axis, motion, options);
   set_identifying(std::nullopt);
+  // Until the next look at this axis, which may have to wait for another one.
+  set_activity(axis, found ? "identified, not judged yet" : "no model was found");
   if (!found) return;
   candidate.identified = *std::move(found);
   ModelRecord& record = candidate.identified.record;

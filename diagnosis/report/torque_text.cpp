@@ -36,6 +36,9 @@ std::string doubt_text(const TorqueCause& cause, const std::string& unit) {
   if (cause.doubt == TorqueDoubt::kParameters)
     return "not confirmed: the fit gives it impossible parameters";
   if (cause.doubt == TorqueDoubt::kGain) {
+    if (cause.gain.low > 0.0)
+      return text("not confirmed: it leaves %.3g %% of the residual on held-out data",
+                  100.0 * cause.gain.after / cause.gain.before);
     return std::isfinite(cause.gain.low)
                ? text("not confirmed: its gain on held-out data is %.2g to %.2g %s", cause.gain.low,
                       cause.gain.high, unit.c_str())

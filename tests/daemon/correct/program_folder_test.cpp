@@ -123,8 +123,9 @@ TEST_F(ProgramFolderTest, AHeaderThatIsNoneOfAPathSaysWhatItNeeds) {
   const ProgramFolder::News news = settled();
   ASSERT_EQ(news.found.size(), 1U);
   EXPECT_THAT(news.found[0].problem,
-              HasSubstr(". These are options of the command line; the header of a program says it, "
-                        "as time[s],X.command[mm],Y.command[mm] does"));
+              HasSubstr("a.csv: the header of a program names its columns with their units, as "
+                        "time[s],X.command[mm],Y.command[mm] does; the first line of this file is "
+                        "'t,x'"));
 }
 
 TEST_F(ProgramFolderTest, OtherFilesAreLeftAlone) {
