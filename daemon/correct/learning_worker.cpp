@@ -81,6 +81,10 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
   if (!news.gone.empty() || !news.found.empty()) filed_.clear();
   for (const std::string& program : news.gone) gone(program);
   for (const ProgramFolder::Found& found : news.found) {
+    if (found.taken) {  // the program of the other file stays what it is
+      events_.error("program_refused", "", "ilc.programs: " + found.problem);
+      continue;
+    }
     from_folder_[found.program] = found.revision;
     if (!found.renamed.empty())
       events_.note("program_renamed", "",

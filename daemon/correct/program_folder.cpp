@@ -107,14 +107,17 @@ std::map<fs::path, ProgramFolder::File> ProgramFolder::files(std::error_code& er
 
 ProgramFolder::Found ProgramFolder::read(const fs::path& file, const File& known,
                                          std::uint64_t revision) const {
-  Found out{known.program, revision, {}, {}, {}};
+  Found out;
+  out.program = known.program;
+  out.revision = revision;
   if (file.stem() != known.program) out.renamed = file.filename().string();
   const auto same_name = [&](const auto& other) {
     return other.first < file && other.second.program == known.program;
   };
   try {
-    if (const auto other = std::find_if(files_.begin(), files_.end(), same_name);
-        other != files_.end())
+    const auto other = std::find_if(files_.begin(), files_.end(), same_name);
+    out.taken = other != files_.end();
+    if (out.taken)
       throw std::runtime_error(file.string() + ": " + other->first.filename().string() +
                                " gives the same name of a program; rename one of them");
     out.chunks = read_program(file, known.program, machine_, revision);

@@ -54,6 +54,7 @@ class ProgramFolder {
         chunks;           ///< complete; empty: it cannot be used, and `problem` says why
     std::string problem;  ///< one line with the file's path
     std::string renamed;  ///< its file, if the name of the program is not that of the file
+    bool taken = false;   ///< another file has this name already, as `problem` says
   };
   struct News {
     std::vector<Found> found;

@@ -466,6 +466,41 @@ TEST_F(LearningWorkerTest, WithItsFileACorrectionIsWithdrawnButNotOneFromTheNetw
   EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
 }
 
+TEST_F(LearningWorkerTest, ASecondFileOfTheSameNameChangesNothingOfTheFirst) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  const Eigen::ArrayXd path = circle_program()[0];
+  const auto write = [&](const char* name, const Eigen::ArrayXd& command) {
+    std::ofstream file(parts.path() / name);
+    file.precision(12);
+    file << "time[s],X.command[m]\n";
+    for (Eigen::Index k = 0; k < command.size(); ++k)
+      file << kCycle_s * static_cast<double>(k) << "," << command(k) << "\n";
+  };
+  std::int64_t now = 0;
+  const auto look = [&] {
+    worker_->look_into_folder(now);
+    now += LearningWorker::kLookEvery_ns;
+  };
+  write("part 1.csv", path);
+  look();
+  look();
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_THAT(events("program_renamed")[0].text, HasSubstr("'part 1.csv' is program 'part_1'"));
+  write("part_1.csv", 0.5 * path);
+  look();
+  look();
+  ASSERT_EQ(events("program_refused").size(), 1U);
+  EXPECT_THAT(events("program_refused")[0].text, HasSubstr("rename one of them"));
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_LT((worker_->kept()[0]->program.command[0] - path).abs().maxCoeff(), 1e-11);
+  std::filesystem::remove(parts.path() / "part 1.csv");
+  look();
+  EXPECT_EQ(events("correction_withdrawn").size(), 1U) << "it is known which file it was of";
+}
+
 TEST_F(LearningWorkerTest, OfTwoFilesOfOnePathTheOtherIsLearnedWhenOneIsRemoved) {
   const TemporaryDirectory parts;
   programs_ = parts.path();
