@@ -39,8 +39,7 @@ class UntilInterrupted : public ceres::IterationCallback {
   return out;
 }
 
-/// Solves the problem. Throws Interrupted where the thread is interrupted meanwhile: what Ceres has
-/// then is no solution.
+/// Solves the problem. Throws Interrupted where the thread is interrupted before or meanwhile.
 inline ceres::Solver::Summary solve_bounded(const ceres::Solver::Options& options,
                                             ceres::Problem& problem) {
   throw_if_interrupted();

@@ -341,6 +341,23 @@ TEST(Torque, ACauseThatHeldOutDataDoNotConfirmIsNotNamed) {
   EXPECT_LE(diagnosis.extended_rms, diagnosis.baseline_rms);
 }
 
+TEST(Torque, ACauseThatLeavesMostOfTheResidualIsLessSure) {
+  const auto confidence_beside = [](double noise) {
+    const TorqueDiagnosis diagnosis =
+        diagnose_torque(recorded({.noise = noise}, [](double x, double, double) {
+          return 6.0 * std::sin(2.0 * kPi * x / 5e-3);
+        }));
+    for (const TorqueCause& cause : diagnosis.causes) {
+      if (cause.id == "cogging") return cause.confidence;
+    }
+    return 0.0;
+  };
+  const double clear = confidence_beside(0.5), beside_noise = confidence_beside(12.0);
+  EXPECT_GT(clear, 0.94);
+  EXPECT_GT(beside_noise, 0.0) << "it is named";
+  EXPECT_LT(beside_noise, clear - 0.1);
+}
+
 // The control makes the axis follow what it reads: an error of the reading shows in the torque.
 TEST(Torque, ARippleOfTheReadingIsNoCogging) {
   constexpr double kPeriod_m = 5e-3;

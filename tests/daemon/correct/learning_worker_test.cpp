@@ -436,21 +436,23 @@ TEST_F(LearningWorkerTest, AFileInTheFolderIsLearnedOnceItsAxesHaveModelsAndForA
   EXPECT_EQ(worker_->kept().size(), 1U);
 }
 
+/// A program of axis X alone [m].
+void write_path(const std::filesystem::path& name, const Eigen::ArrayXd& command) {
+  std::ofstream file(name);
+  file.precision(12);
+  file << "time[s],X.command[m]\n";
+  for (Eigen::Index k = 0; k < command.size(); ++k)
+    file << kCycle_s * static_cast<double>(k) << "," << command(k) << "\n";
+}
+
 TEST_F(LearningWorkerTest, WithItsFileACorrectionIsWithdrawnButNotOneFromTheNetwork) {
   const TemporaryDirectory parts;
   programs_ = parts.path();
   for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
   start();
   const auto path = circle_program();
-  const auto write = [&](const char* name, const Eigen::ArrayXd& command) {
-    std::ofstream file(parts.path() / name);
-    file.precision(12);
-    file << "time[s],X.command[m]\n";
-    for (Eigen::Index k = 0; k < command.size(); ++k)
-      file << kCycle_s * static_cast<double>(k) << "," << command(k) << "\n";
-  };
-  write("a.csv", path[0]);
-  write("b.csv", 0.5 * path[0]);
+  write_path(parts.path() / "a.csv", path[0]);
+  write_path(parts.path() / "b.csv", 0.5 * path[0]);
   worker_->look_into_folder(0);
   worker_->look_into_folder(LearningWorker::kLookEvery_ns);
   ASSERT_EQ(worker_->kept().size(), 2U);
@@ -472,24 +474,17 @@ TEST_F(LearningWorkerTest, ASecondFileOfTheSameNameChangesNothingOfTheFirst) {
   for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
   start();
   const Eigen::ArrayXd path = circle_program()[0];
-  const auto write = [&](const char* name, const Eigen::ArrayXd& command) {
-    std::ofstream file(parts.path() / name);
-    file.precision(12);
-    file << "time[s],X.command[m]\n";
-    for (Eigen::Index k = 0; k < command.size(); ++k)
-      file << kCycle_s * static_cast<double>(k) << "," << command(k) << "\n";
-  };
   std::int64_t now = 0;
   const auto look = [&] {
     worker_->look_into_folder(now);
     now += LearningWorker::kLookEvery_ns;
   };
-  write("part 1.csv", path);
+  write_path(parts.path() / "part 1.csv", path);
   look();
   look();
   ASSERT_EQ(worker_->kept().size(), 1U);
   EXPECT_THAT(events("program_renamed")[0].text, HasSubstr("'part 1.csv' is program 'part_1'"));
-  write("part_1.csv", 0.5 * path);
+  write_path(parts.path() / "part_1.csv", 0.5 * path);
   look();
   look();
   ASSERT_EQ(events("program_refused").size(), 1U);
@@ -507,13 +502,7 @@ TEST_F(LearningWorkerTest, OfTwoFilesOfOnePathTheOtherIsLearnedWhenOneIsRemoved)
   for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
   start();
   const Eigen::ArrayXd path = circle_program()[0];
-  for (const char* name : {"first.csv", "second.csv"}) {
-    std::ofstream file(parts.path() / name);
-    file.precision(12);
-    file << "time[s],X.command[m]\n";
-    for (Eigen::Index k = 0; k < path.size(); ++k)
-      file << kCycle_s * static_cast<double>(k) << "," << path(k) << "\n";
-  }
+  for (const char* name : {"first.csv", "second.csv"}) write_path(parts.path() / name, path);
   std::int64_t now = 0;
   const auto look = [&] {
     worker_->look_into_folder(now);
