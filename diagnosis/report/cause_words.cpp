@@ -25,7 +25,7 @@ constexpr std::array<std::pair<const char*, const char*>, 24> kNames{{
     {"backlash", "play (backlash)"},
     {"compliance", "an elastic part that oscillates when the axis accelerates"},
     {"cogging", "a force ripple that repeats along the axis"},
-    {"lead_error", "a pitch error of the screw"},
+    {"lead_error", "a pitch error of screw or gear"},
     {"encoder_error", "an error of the encoder that repeats along the axis"},
     {"gravity_offset", "a constant force (weight, counterbalance, cable)"},
     {"inertia_change", "a moved mass that changed"},
@@ -39,7 +39,7 @@ constexpr std::array<std::pair<const char*, const char*>, 24> kNames{{
     {"cutting_force", "the cutting force"},
     {"cross_coupling", "a force from the acceleration of the other axis"},
     {"dwell_stiction", "higher breakaway force after a rest"},
-    {"thermal_growth", "thermal growth of the screw"},
+    {"thermal_growth", "thermal growth of screw or gear"},
     {"dropped_samples", "samples lost by the recorder"},
 }};
 
@@ -55,7 +55,8 @@ std::string unlike_directions(double creeping, double per_speed, const char* for
 
 }  // namespace
 
-std::string plain_name(const std::string& id) {
+std::string plain_name(const std::string& id, bool rises) {
+  if (id == "stribeck" && rises) return "friction that rises most at creeping speed";
   for (const auto& [key, name] : kNames) {
     if (id == key) return name;
   }
@@ -68,7 +69,8 @@ std::string plain_name(const Diagnosis& diagnosis, const Cause& cause) {
                       effects[cause.place].kind == kind_of<SwingingLoad>();
   if (cause.id == "cross_coupling" && !diagnosis.baseline.neighbour.empty())
     return "a force from the acceleration of axis " + diagnosis.baseline.neighbour;
-  return swings ? "the weight of a load that swings with it" : plain_name(cause.id);
+  return swings ? "the weight of a load that swings with it"
+                : plain_name(cause.id, friction_rises(diagnosis, cause));
 }
 
 std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
@@ -195,7 +197,7 @@ std::string share_of_tracking(double error, const CommandLag& lag) {
 
 }  // namespace
 
-std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::string>& by_torque) {
+std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<Shown>& by_torque) {
   std::string axis = "Axis " + diagnosis.baseline.axis;
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
   const bool limited = !diagnosis.at_limit.empty();
@@ -208,13 +210,13 @@ std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::str
                after = 1e6 * diagnosis.extended.holdout.rms;
   const char* unit = micro(diagnosis.baseline.rotary);
   std::string shown;
-  for (const std::string& id : by_torque) shown += (shown.empty() ? "" : "; ") + plain_name(id);
+  for (const Shown& one : by_torque) shown += (shown.empty() ? "" : "; ") + one.name;
   if (!shown.empty()) shown = " The torque shows " + shown + ".";
   // Where the position names no cause, what to check first is that of the torque.
-  const std::string of_torque = by_torque.empty()
-                                    ? ""
-                                    : shown + (limited ? " Then check: " : " Check first: ") +
-                                          advice_for(by_torque.front()) + ".";
+  const std::string of_torque =
+      by_torque.empty()
+          ? ""
+          : shown + (limited ? " Then check: " : " Check first: ") + by_torque.front().check + ".";
   switch (diagnosis.verdict) {
     case Verdict::kNothingSignificant:
       return axis +
@@ -250,6 +252,8 @@ std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::str
   std::string out = axis + " has " + plain_name(diagnosis, first) + ": " +
                     plain_size(diagnosis, first) + "." +
                     worth_of_repair(first.gain, diagnosis.baseline.rotary);
+  if (first.id == "presliding")
+    out += " Every axis has such friction: it calls for action where it has grown.";
   if (diagnosis.causes.size() > 1) {
     out += " Further causes: ";
     for (std::size_t i = 1; i < diagnosis.causes.size(); ++i)
@@ -257,8 +261,6 @@ std::string plain_verdict(const Diagnosis& diagnosis, const std::vector<std::str
     out += ".";
   }
   out += shown;
-  if (first.id == "presliding")
-    out += " Every axis has such friction: it calls for action where it has grown.";
   if (std::isfinite(before) && after < before) {
     const double explained = 1.0 - diagnosis.unexplained_share;
     constexpr double kShareRoundedToAll = 0.995;  // "%.0f %%" prints it as 100 %

@@ -380,14 +380,23 @@ std::string advice_for(const std::string& id, bool rises) {
   return {};
 }
 
+bool friction_rises(const Diagnosis& diagnosis, const Cause& cause) {
+  const Model& model = diagnosis.extended.model;
+  if (cause.id != "stribeck" || cause.place >= model.effects.size()) return false;
+  const Effect& effect = model.effects[cause.place];
+  if (effect.kind == kind_of<FallingFriction>()) return effect.coefficient[0] < 0.0;
+  return shape_of(model, effect.kind, "breakaway_ratio") < 1.0;
+}
+
 std::string advice_for(const Diagnosis& diagnosis, const Cause& cause) {
-  bool rises = false;
-  if (cause.id == "stribeck" && cause.place != kNoEffect) {
-    const Effect& effect = diagnosis.extended.model.effects[cause.place];
-    const double ratio = shape_of(diagnosis.extended.model, effect.kind, "breakaway_ratio");
-    rises = effect.kind == kind_of<FallingFriction>() ? effect.coefficient[0] < 0.0 : ratio < 1.0;
-  }
-  return advice_for(cause.id, rises);
+  const std::vector<Effect>& effects = diagnosis.extended.model.effects;
+  const bool rises = friction_rises(diagnosis, cause);
+  if (rises || cause.place >= effects.size()) return advice_for(cause.id, rises);
+  // Of the effects that stand for a cause each has its own: play may be before or behind an
+  // encoder.
+  const Identity& identity = identity_of(effects[cause.place].kind);
+  if (identity.cause == cause.id && !identity.check.empty()) return std::string(identity.check);
+  return advice_for(cause.id);
 }
 
 std::string cause_page(const std::string& id) { return "docs/causes/" + id + ".md"; }

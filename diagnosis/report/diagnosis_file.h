@@ -26,8 +26,11 @@ namespace servotwin {
 /// The remaining residual in two lines: the share explained by each significant variable, and the
 /// lines of its spectrum.
 [[nodiscard]] std::vector<std::string> left_lines(const Diagnosis& diagnosis);
-/// What to check on the machine for this cause; empty: there is no advice. `rises`: of Stribeck
-/// friction, whether it is higher at feed than at creeping speed, which no oil film explains.
+/// Whether a cause `stribeck` is friction that is higher at feed than at creeping speed, which no
+/// oil film explains.
+[[nodiscard]] bool friction_rises(const Diagnosis& diagnosis, const Cause& cause);
+/// What to check on the machine for this cause; empty: there is no advice. `rises`:
+/// friction_rises().
 [[nodiscard]] std::string advice_for(const std::string& id, bool rises = false);
 [[nodiscard]] std::string advice_for(const Diagnosis& diagnosis, const Cause& cause);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "diagnosis/report/cause_words.h"
+#include "diagnosis/report/torque_text.h"
 #include "diagnosis/statistics/text.h"
 #include "twin/shown_units.h"
 
@@ -10,15 +11,15 @@ namespace servotwin {
 namespace {
 
 /// The causes that only the torque names. A limit of the motor is a sentence of its own.
-std::vector<std::string> further_by(const std::optional<TorqueDiagnosis>& torque,
-                                    const Diagnosis& diagnosis) {
-  std::vector<std::string> out;
+std::vector<Shown> further_by(const std::optional<TorqueDiagnosis>& torque,
+                              const Diagnosis& diagnosis) {
+  std::vector<Shown> out;
   if (!torque) return out;
   for (const TorqueCause& cause : torque->causes) {
     const bool told = std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
                                   [&](const Cause& other) { return other.id == cause.id; }) ||
                       (cause.id == "torque_saturation" && !diagnosis.at_limit.empty());
-    if (!told) out.push_back(cause.id);
+    if (!told) out.push_back(as_shown(cause));
   }
   return out;
 }

@@ -202,7 +202,8 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
   }
   out += row("in the model",
              "<code>" + escaped(cause.id) + "</code>: " + escaped(cause_text(diagnosis, cause)));
-  return folded(text("%zu. ", number + 1) + escaped(plain_name(cause.id)), out + "</table>\n");
+  return folded(text("%zu. ", number + 1) + escaped(plain_name(diagnosis, cause)),
+                out + "</table>\n");
 }
 
 /// What to check, in the order of what the causes explain.
@@ -210,7 +211,7 @@ std::string checks_of(const Diagnosis& diagnosis) {
   std::string out;
   for (const Cause& cause : diagnosis.causes) {
     if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
-      out += "<li>" + escaped(advice) + " <small>(" + escaped(plain_name(cause.id)) +
+      out += "<li>" + escaped(advice) + " <small>(" + escaped(plain_name(diagnosis, cause)) +
              ")</small></li>\n";
   }
   return out.empty()
@@ -239,7 +240,7 @@ std::string certainty_of(const Diagnosis& diagnosis) {
   if (!others.empty()) out += "<p>It could also be " + others + ".</p>";
   others.clear();
   for (const Cause& cause : diagnosis.suspected)
-    others += (others.empty() ? "" : ", ") + escaped(plain_name(cause.id));
+    others += (others.empty() ? "" : ", ") + escaped(plain_name(diagnosis, cause));
   if (!others.empty()) out += "<p>Suspected as well: " + others + ".</p>";
   return "<div><h2>How sure</h2>" + out + "</div>\n";
 }
@@ -366,7 +367,7 @@ std::string suspected_section(const Diagnosis& diagnosis) {
       "parameter is at the limit beyond which it would be something else. They are kept in the "
       "extended model because it predicts better with them.</p>\n<table>";
   for (const Cause& cause : diagnosis.suspected)
-    out += row(escaped(plain_name(cause.id)).c_str(),
+    out += row(escaped(plain_name(diagnosis, cause)).c_str(),
                text("confidence %.0f %%: ", 100.0 * cause.confidence) +
                    escaped(cause_text(diagnosis, cause)));
   return folded("Suspected causes", out + "</table>\n");

@@ -1,5 +1,4 @@
 #include "diagnosis/report/torque_text.h"
-#include "diagnosis/report/cause_words.h"
 
 #include <algorithm>
 #include <cmath>
@@ -81,23 +80,29 @@ std::string gain_text(const TorqueCause& cause, const std::string& unit) {
               unit.c_str());
 }
 
+/// The scale of a rest that is not explained.
+std::string noise_of(const TorqueDiagnosis& torque) {
+  if (!std::isfinite(torque.noise_rms)) return {};
+  return text(" (noise %.2g %s)", torque.noise_rms, torque.unit.c_str());
+}
+
 std::string verdict_of(const TorqueDiagnosis& torque) {
   const std::size_t n = torque.causes.size();
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
   const bool limited = n > 0 && torque.causes.front().id == "torque_saturation";
   if (n == 1 && limited)
     return "1 cause named, which is no part of the model; the residual of the rigid body on "
-           "held-out data is " +
+           "held-out motion is " +
            left;
   const std::string turns =
       torque.held_out_turns ? ", where the axis moves the other way than in the training data" : "";
   if (n == 0)
-    return "nothing significant: the residual of the rigid body on held-out data is " + left +
+    return "nothing significant: the residual of the rigid body on held-out motion is " + left +
            turns;
-  return text("%zu cause%s named: the residual on held-out data is %.3g %s RMS instead of %s", n,
+  return text("%zu cause%s named: the residual on held-out motion is %.3g %s RMS instead of %s", n,
               n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
               text("%.3g", torque.baseline_rms).c_str()) +
-         (explained(torque) ? "" : "; the rest is not explained");
+         (explained(torque) ? "" : "; the rest is not explained" + noise_of(torque));
 }
 
 std::string body_of(const TorqueDiagnosis& torque) {
@@ -106,7 +111,7 @@ std::string body_of(const TorqueDiagnosis& torque) {
     return value > 0.0 ? text("%s %.4g ", name, value) + of : std::string(name) + " not shown";
   };
   const std::string per_speed = std::string(unit) + " s/" + length;
-  return shown("mass", torque.mass_shown ? torque.mass : 0.0,
+  return shown(torque.rotary ? "inertia" : "mass", torque.mass_shown ? torque.mass : 0.0,
                std::string(unit) + " s^2/" + length) +
          ", " +
          (torque.constant != 0.0
@@ -141,12 +146,19 @@ std::string band_of(const TorqueDiagnosis& torque) {
       torque.bandwidth_hz);
 }
 
+bool friction_rises(const TorqueCause& cause) {
+  return cause.id == "stribeck" && !cause.parameters.empty() &&
+         cause.parameters.front().second < 0.0;
+}
+
+std::string name_of(const TorqueCause& cause) {
+  return plain_name(cause.id, friction_rises(cause));
+}
+
 /// What to check for this cause. In the torque, backlash may be anywhere between motor and load.
 std::string check_of(const TorqueCause& cause) {
   if (cause.id == "backlash") return std::string(identity_of(kind_of<BacklashInLoop>()).check);
-  const bool rises =
-      cause.id == "stribeck" && !cause.parameters.empty() && cause.parameters.front().second < 0.0;
-  return advice_for(cause.id, rises);
+  return advice_for(cause.id, friction_rises(cause));
 }
 
 /// "breakaway 0.381 Nm" of breakaway_nm, "width forward 2.02 mm" of width_forward.
@@ -235,6 +247,8 @@ std::string picture(const TorqueDiagnosis& torque) {
 }
 
 }  // namespace
+
+Shown as_shown(const TorqueCause& cause) { return {name_of(cause), check_of(cause)}; }
 
 void add_torque(json& file, const TorqueDiagnosis& torque) {
   const std::string unit = key_of_unit(torque.unit);
@@ -381,7 +395,7 @@ std::string torque_section(const TorqueDiagnosis& torque) {
     std::string sizes = escaped(sizes_of(torque, cause));
     for (const Harmonic& harmonic : cause.harmonics)
       sizes += "<br>" + escaped(line_of(torque, harmonic));
-    out += "<tr><td>" + escaped(plain_name(cause.id)) + "</td><td>" + sizes + "</td>" +
+    out += "<tr><td>" + escaped(name_of(cause)) + "</td><td>" + sizes + "</td>" +
            (std::isfinite(cause.gain.before)
                 ? text("<td>%.4g %s</td><td>%.4g %s</td><td>", cause.gain.before,
                        torque.unit.c_str(), cause.gain.after, torque.unit.c_str())
@@ -406,16 +420,17 @@ std::vector<std::string> in_short(const TorqueDiagnosis& torque, const std::stri
                   "; mass, friction and weight leave " + left + " of it on held-out motion.");
   } else {
     const TorqueCause& first = torque.causes.front();
-    std::string line = "The torque of axis " + torque.axis + " shows " + plain_name(first.id);
+    std::string line = "The torque of axis " + torque.axis + " shows " + name_of(first);
     if (!first.parameters.empty())
       line += " (" + size_of(torque, first.parameters[0].first, first.parameters[0].second) + ")";
     for (std::size_t i = 1; i < torque.causes.size(); ++i)
-      line += (i == 1 ? "; further " : "; ") + plain_name(torque.causes[i].id);
+      line += (i == 1 ? "; further " : "; ") + name_of(torque.causes[i]);
     line += ".";
     if (std::isfinite(first.gain.before))
       line += text(" On held-out motion %.3g %s RMS of the torque are left instead of ",
                    torque.extended_rms, torque.unit.c_str()) +
-              left + (explained(torque) ? "." : ": the rest is not explained.");
+              left +
+              (explained(torque) ? "." : ": the rest is not explained" + noise_of(torque) + ".");
     if (const std::string advice = check_of(first); !advice.empty())
       line += " Check first: " + advice + ".";
     out.push_back(std::move(line));

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "diagnosis/report/cause_words.h"
 #include "diagnosis/torque/torque.h"
 
 namespace servotwin {
@@ -16,6 +17,9 @@ namespace servotwin {
 void add_torque(nlohmann::json& file, const TorqueDiagnosis& torque);
 /// The diagnosis file where only the torque was diagnosed. `reason`: why the position loop was not.
 [[nodiscard]] nlohmann::json torque_alone(const TorqueDiagnosis& torque, const std::string& reason);
+
+/// The cause in plain words, and what to check for it.
+[[nodiscard]] Shown as_shown(const TorqueCause& cause);
 
 /// The torque diagnosis as lines of text, without the causes in `told`, which were printed before.
 /// `details`: with the steps of the search.

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "diagnosis/report/cause_words.h"
+#include "diagnosis/report/torque_text.h"
 
 namespace servotwin {
 namespace {
@@ -65,6 +66,21 @@ TEST(Advice, FrictionThatRisesWithSpeedIsNoMatterOfLubrication) {
   EXPECT_EQ(to_json(saturated(2), "")["causes"][0]["check"], advice_for("torque_saturation"));
 }
 
+TEST(Advice, IsThatOfTheEffectWhichStandsForTheCause) {
+  Diagnosis diagnosis;
+  Cause cause;
+  const auto advice = [&](const char* id, const Effect& effect) {
+    cause.id = id;
+    diagnosis.extended.model.effects = {effect};
+    return advice_for(diagnosis, cause);
+  };
+  EXPECT_THAT(advice("compliance", make_effect<Compliance>()), HasSubstr("foundation"));
+  EXPECT_THAT(advice("compliance", make_effect<TwoMassOutside>()), HasSubstr("stiffness of"));
+  EXPECT_THAT(advice("gravity_offset", make_effect<SwingingLoad>()), HasSubstr("no fault"));
+  // A law that is no cause by itself has none.
+  EXPECT_EQ(advice("presliding", make_effect<Gms>()), advice_for("presliding"));
+}
+
 TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::kExplained;
@@ -121,14 +137,28 @@ TEST(Verdict, BeginsWithTheLimitOfTheMotor) {
 TEST(Verdict, NamesWhatOnlyTheTorqueShows) {
   Diagnosis diagnosis;
   diagnosis.baseline.axis = "X";
+  const auto by = [](const char* id) {
+    TorqueCause cause;
+    cause.id = id;
+    return cause;
+  };
   EXPECT_THAT(plain_verdict(diagnosis), testing::HasSubstr("no cause needs to be looked for"));
-  const std::string plain = plain_verdict(diagnosis, {"cogging", "backlash"});
+  const std::string plain =
+      plain_verdict(diagnosis, {as_shown(by("cogging")), as_shown(by("backlash"))});
   EXPECT_THAT(plain, testing::StartsWith("Axis X agrees with its simulation"));
   EXPECT_THAT(plain, testing::HasSubstr(" The torque shows a force ripple that repeats along the "
                                         "axis; play (backlash). Check first: what repeats"));
   EXPECT_THAT(plain, testing::Not(testing::HasSubstr("no cause")));
   diagnosis.verdict = Verdict::kUnexplained;
-  EXPECT_THAT(plain_verdict(diagnosis, {"cogging"}), testing::HasSubstr(" The torque shows"));
+  EXPECT_THAT(plain_verdict(diagnosis, {as_shown(by("cogging"))}),
+              testing::HasSubstr(" The torque shows"));
+  TorqueCause rising = by("stribeck");
+  rising.parameters = {{"drop_nm", -0.2}};
+  const std::string of_rising = plain_verdict(diagnosis, {as_shown(rising)});
+  EXPECT_THAT(of_rising, HasSubstr("friction that rises most at creeping speed. Check first: what "
+                                   "rubs more the faster it moves"));
+  rising.parameters = {{"drop_nm", 0.2}};
+  EXPECT_THAT(as_shown(rising).name, HasSubstr("(Stribeck)"));
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ struct AsymmetricFriction {
       .acts = Acts::kForce,
       .cause = "asymmetric_friction",
       .replaces = "gravity_offset",
-      .check = "wipers and covers; a counterbalance; the screw's nut by direction"};
+      .check = "wipers and covers; a counterbalance; nut or gear by direction"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb_difference", "m/s^2", -kMaxForce, kMaxForce, 0.0,

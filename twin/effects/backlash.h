@@ -18,7 +18,7 @@ struct Backlash {
       .meaning = "play between the encoder of the loop and the recorded one",
       .acts = Acts::kReading,
       .cause = "backlash",
-      .check = "play of coupling, nut and bearings between the two encoders"};
+      .check = "play of coupling, nut or gear, and bearings between the two encoders"};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"share", "1", 0.7, 1.4, 1.0, "share of the play seen in the reading; 1 for true backlash"},

@@ -21,7 +21,7 @@ struct BacklashBehindEncoder {
       .meaning = "play between the encoder of the loop and the load",
       .acts = Acts::kForce,
       .cause = "backlash",
-      .check = "play of coupling, nut and bearings behind the encoder",
+      .check = "play of coupling, nut or gear, and bearings behind the encoder",
       .on_motor = true};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;
   static constexpr std::array<Parameter, 2> kCoefficients{

@@ -18,7 +18,7 @@ struct BacklashInLoop {
       .meaning = "play inside the position loop",
       .acts = Acts::kForce,
       .cause = "backlash",
-      .check = "play of coupling, nut and bearings; backlash compensation of the control",
+      .check = "play of coupling, nut or gear, and bearings; backlash compensation of the control",
       .on_motor = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"width", "m", 1e-7, 1e-2, 1e-5, "width of the gap"}}};

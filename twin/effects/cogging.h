@@ -19,7 +19,9 @@ struct Cogging {
       .meaning = "a force periodic in position, and its second harmonic",
       .acts = Acts::kForce,
       .cause = "cogging",
-      .check = "what repeats with this period: the screw's lead, its balls, the motor's poles",
+      .check =
+          "what repeats with this period: a turn of screw or gear, balls or teeth, the motor's "
+          "poles",
       .on_motor = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"period", "m", 5e-5, 10.0, 5e-3, "period of the force along the axis", true, false,

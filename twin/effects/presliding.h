@@ -22,7 +22,8 @@ struct Presliding {
       .acts = Acts::kForce,
       .cause = "presliding",
       .replaces = "coulomb_friction",
-      .check = "lubrication and preload of guides and screw; friction compensation at reversals"};
+      .check =
+          "lubrication and preload of guides, screw or gear; friction compensation at reversals"};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel from rest after which the axis slides"},

@@ -19,7 +19,7 @@ struct ThermalGrowth {
           "thermal expansion: a reading error that grows with position and time, outside the loop",
       .acts = Acts::kReading,
       .cause = "thermal_growth",
-      .check = "warming up of the screw; its cooling and pretension",
+      .check = "warming up of screw or gear; its cooling and pretension",
       .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"time_constant_s", "s", 2.0, 1e4, 20.0, "time constant of warming up"}}};

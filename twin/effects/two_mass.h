@@ -35,8 +35,8 @@ struct TwoMass {
       .meaning = play ? "play between motor and load" : "motor and load as two masses on a spring",
       .acts = Acts::kAxis,
       .cause = play ? "backlash" : "compliance",
-      .check = play ? "play of coupling, nut and bearings between motor and load"
-                    : "stiffness of coupling, screw, nut and bearings; preload"};
+      .check = play ? "play of coupling, nut or gear, and bearings between motor and load"
+                    : "stiffness of coupling, screw or gear, and bearings; preload"};
   static constexpr Parameter kFrequency{
       "frequency_hz",        "Hz", 2.0,
       play ? 500.0 : 2000.0, 50.0, "frequency of the load on its spring with the motor held"};
