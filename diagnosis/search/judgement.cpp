@@ -69,17 +69,18 @@ Judgement judged(const Tried& one, const Bar& bar) {
   out.z = paired_z(one.before->pieces, one.model.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
   if (blocks_agree(one)) out.p = std::min(out.p, one.screened.p);
-  const bool much = one.model.rms() < kMaxErrorRatioOfLargeGain * one.before->rms();
+  const double ratio = one.left();
+  const bool much = ratio < kMaxErrorRatioOfLargeGain,
+             misfit = like_friction(one.screened.kind) && !(ratio < kMaxErrorRatioOfNearlyAll);
   // If a few breakaways make most of the error, the mean is uncertain; the rank test is used then.
   if (much)
     out.p = std::min(out.p, 0.5 * std::erfc(signed_rank_z(one.before->pieces, one.model.pieces) /
                                             std::sqrt(2.0)));
-  out.earned =
-      one.model.rms() < kMaxRmsRatioToAdd * one.before->rms() &&
-      removed_rms(*one.before, one.model) >
-          std::max(kMinRemovedShareOfCause * bar.baseline,
-                   like_friction(one.screened.kind) ? kLawMisfitShare * bar.friction : 0.0) &&
-      out.p < kFalseAlarmRate / static_cast<double>(bar.candidates);
+  out.earned = ratio < kMaxRmsRatioToAdd &&
+               removed_rms(*one.before, one.model) >
+                   std::max(kMinRemovedShareOfCause * bar.baseline,
+                            misfit ? kLawMisfitShare * bar.friction : 0.0) &&
+               out.p < kFalseAlarmRate / static_cast<double>(bar.candidates);
   return out;
 }
 

@@ -13,6 +13,9 @@ namespace servotwin {
 // Share of the error that a law of friction explains which remains as misfit when the machine
 // follows another law of friction.
 inline constexpr double kLawMisfitShare = 0.1;
+// Ratio of errors of a cause that explains nearly all that is left: no misfit of a law of friction
+// follows another effect so closely.
+inline constexpr double kMaxErrorRatioOfNearlyAll = 0.4;
 // Share of the baseline's error: a law of friction is accurate to a few hundredths of the error, so
 // that a smaller removed error may be its misfit.
 inline constexpr double kMinRemovedShareOfCause = 0.02;

@@ -55,9 +55,11 @@ bool Selector::add_filter(double max_ratio, double min_gain) {
     if (search_.ratio_beyond_noise(now_.as_is, before.as_is) < max_ratio) return false;
     back_to(before);
   }
+  const bool vibrates = promises_vibration(kMinGainBesideFilter);
   now_.current = std::move(h);
   settle();
   if (now_.as_is.rms() < before.as_is.rms() && search_.is_plausible(now_.current.model)) {
+    filter_for_mode_ = filter_for_mode_ || vibrates;
     delay();
     return true;
   }

@@ -13,31 +13,41 @@ namespace servotwin {
 
 namespace {
 
-// RMS of two masses over that of a model whose compliance is none of a machine, up to which they
-// take its place: beside the loop such a vibration follows two masses closely, with a frequency and
-// a damping that are those of no spring.
+// RMS of two masses over that of a model whose compliance is none of a machine, or stands beside a
+// filter of the control, up to which they take its place: beside the loop such a vibration follows
+// two masses closely, with a frequency and a damping that are those of no spring.
 constexpr double kMaxRmsRatioOfSpring = 1.02;
+// The same over that of a model with a filter of the control, which has more parameters and leaves
+// little where it stands for a load on a spring; both without the noise.
+constexpr double kMaxRatioOverFilter = 0.9;
 
 // RMS over noise floor above which they are tried even where nothing that vibrates or has a gap is
 // promising beside the rigid axis.
 constexpr double kMinRmsOverFloorUnscreened = 4.0;
+// The same above which they are tried in place of a filter that may stand for them.
+constexpr double kMinRmsOverFloorOfFilter = 1.1;
 
-// Share of the squared error that a mode or a gap beside a filter of the control must promise: as
-// much as two masses have to explain. The filter has taken what a strongly damped load would do.
-constexpr double kMinGainBesideFilter = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
-
-/// The RMS of a spring over that of the model without it, below which it is accepted.
-double max_ratio_of_spring(const Model& without) {
-  const Effect* mode = without.find(kind_of<Compliance>());
+/// Whether its compliance is none of a machine.
+bool vibrates_like_no_machine(const Model& model) {
+  const Effect* mode = model.find(kind_of<Compliance>());
   constexpr double kScale = 1.0;  // a vibration has no lengths
-  return mode != nullptr && at_end_of("compliance", without, *mode, kScale)
-             ? kMaxRmsRatioOfSpring
-             : kMaxRmsRatioClearlyBetter;
+  return mode != nullptr && at_end_of("compliance", model, *mode, kScale);
+}
+
+/// RMS up to which a spring is accepted in place of a model that leaves this RMS. `floor`: of the
+/// noise.
+double most_of_spring(const Model& without, double rms, double floor) {
+  const bool filtered = without.find(kind_of<ControlFilter>()) != nullptr,
+             mode = without.find(kind_of<Compliance>()) != nullptr;
+  if ((filtered && mode) || vibrates_like_no_machine(without)) return kMaxRmsRatioOfSpring * rms;
+  if (!filtered) return kMaxRmsRatioClearlyBetter * rms;
+  const double noise = std::isfinite(floor) ? std::min(floor, rms) : 0.0;
+  return std::hypot(noise, kMaxRatioOverFilter * std::sqrt(rms * rms - noise * noise));
 }
 
 /// The same of two masses of either kind.
-double max_ratio(const Model& two_masses, const Model& without) {
-  return plays(two_masses) ? kMaxRmsRatioClearlyBetter : max_ratio_of_spring(without);
+double most_of(const Model& two_masses, const Model& without, double rms, double floor) {
+  return plays(two_masses) ? kMaxRmsRatioClearlyBetter * rms : most_of_spring(without, rms, floor);
 }
 
 }  // namespace
@@ -50,7 +60,7 @@ bool Selector::part_masses() {
     return h.structure.effects.empty() ? kAbsent
                                        : servotwin::judge(h.model, search_.training()).rms;
   };
-  const double left = left_by(now_.current);
+  const double left = left_by(now_.current), floor = search_.floor().rms;
   Hypothesis best;
   const Hypothesis& without = now_.current;
   double least = std::numeric_limits<double>::infinity();
@@ -58,52 +68,65 @@ bool Selector::part_masses() {
     options_.begin("two masses");
     Hypothesis h;
     if (rigid.structure.effects.empty() ||
-        !search_.part_masses(h, rigid, without.model, max_ratio_of_spring(without.model) * left,
+        !search_.part_masses(h, rigid, without.model, most_of_spring(without.model, left, floor),
                              kinds, laws))
       return;
     // The cross-validation takes as long as four fits.
-    if (!(left_by(h) < max_ratio(h.model, without.model) * left)) return;
+    if (!(left_by(h) < most_of(h.model, without.model, left, floor))) return;
     search_.judge(h);
     steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
                           identity_of(two_mass_of(h.model)->kind).id.data(),
                           rigid.structure.effects.size(), h.structure.order,
                           size_of(h.rms()).c_str()));
-    if (h.rms() < std::min(least, max_ratio(h.model, without.model) * without.rms()))
+    if (h.rms() < std::min(least, most_of(h.model, without.model, without.rms(), floor)))
       least = h.rms(), best = std::move(h);
   };
   const int order = without.structure.order;
-  const Hypothesis alone = law_alone(order);
-  take(alone);
-  const double clearly = kMaxRmsRatioClearlyBetter * without.rms();
-  if (!(least < clearly) && alone.structure.effects.size() < without.structure.effects.size())
+  const bool delayed = without.has(kind_of<TimeDelay>()),
+             filtered = without.has(kind_of<ControlFilter>());
+  const double clearly = filtered ? most_of_spring(without.model, without.rms(), floor)
+                                  : kMaxRmsRatioClearlyBetter * without.rms();
+  const auto found = [&] { return least < clearly; };
+  // A load on a spring comes late: a filter and a delay are both in its place.
+  if (delayed && filtered) take(law_alone(order, false));
+  const Hypothesis alone = law_alone(order, delayed);
+  if (!found()) take(alone);
+  if (!found() && alone.structure.effects.size() < without.structure.effects.size())
     take(without_vibration());
   const double reached = std::min(least, clearly);
-  if (options_.identify.order == 0 &&
-      !(reached < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
-    const Hypothesis other = law_alone(order == 2 ? 3 : 2);
+  if (options_.identify.order == 0 && !(reached < kMinRmsOverFloorForTwoMasses * floor)) {
+    const Hypothesis other = law_alone(order == 2 ? 3 : 2, delayed);
     if (!(left_by(other) > kMaxRmsRatioOfOtherOrder * left_by(alone))) take(other);
   }
   return !best.structure.effects.empty() && accept_two_masses(std::move(best));
 }
 
 bool Selector::may_have_two_masses() const {
-  if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
-  if (now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0) return true;
-  // Two masses leave less than either where a filter stands for a load on a spring.
-  if (filter_for_mode_ && now_.current.has(kind_of<ControlFilter>())) return true;
+  const double floor = search_.floor().rms;
+  const bool filtered = now_.current.has(kind_of<ControlFilter>()),
+             vibrates = now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0;
+  if (filtered && (filter_for_mode_ || vibrates))
+    return now_.current.rms() > kMinRmsOverFloorOfFilter * floor;
+  // It would only be suspected, however little it leaves.
+  if (vibrates_like_no_machine(now_.current.model)) return true;
+  if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * floor)) return false;
+  if (vibrates) return true;
   // As for a single cause: what is left may be the misfit of the law of friction.
   const double misfit = std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
-  if (!(now_.current.rms() > misfit)) return false;
+  if (!(now_.current.rms() > misfit))
+    return promises_vibration(1.0 - kMaxErrorRatioOfNearlyAll * kMaxErrorRatioOfNearlyAll);
   // A law of friction can imitate a gap so well that no gap beside it is promising.
-  const bool filtered = now_.current.has(kind_of<ControlFilter>());
-  if (!filtered && now_.current.rms() > kMinRmsOverFloorUnscreened * search_.floor().rms)
-    return true;
+  if (now_.current.rms() > kMinRmsOverFloorUnscreened * floor) return true;
+  return promises_vibration(filtered ? kMinGainBesideFilter : kMinScreenGain);
+}
+
+bool Selector::promises_vibration(double min_gain) const {
   std::vector<std::size_t> kinds{kind_of<Compliance>(), kind_of<Backlash>(),
                                  kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()};
   std::erase_if(kinds, [&](std::size_t kind) { return options_.leaves_out(cause_of(kind)); });
   const std::vector<Screened> screened = search_.screen(now_.current, kinds);
-  return std::any_of(screened.begin(), screened.end(), [filtered](const Screened& s) {
-    return s.p < kMaxScreenP && s.gain > (filtered ? kMinGainBesideFilter : kMinScreenGain);
+  return std::any_of(screened.begin(), screened.end(), [min_gain](const Screened& s) {
+    return s.p < kMaxScreenP && s.gain > min_gain;
   });
 }
 
@@ -136,13 +159,14 @@ std::vector<std::size_t> Selector::permitted_laws() const {
   return laws;
 }
 
-Hypothesis Selector::law_alone(int order) {
+Hypothesis Selector::law_alone(int order, bool delayed) {
   Hypothesis h;
   h.structure = now_.current.structure;
   h.structure.order = order;
-  std::erase_if(h.structure.effects, [](std::size_t kind) {
+  if (!delayed) h.structure.matched_feedforward = false;
+  std::erase_if(h.structure.effects, [delayed](std::size_t kind) {
     return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
-           kind != kind_of<TimeDelay>();
+           !(delayed && kind == kind_of<TimeDelay>());
   });
   const bool same = order == now_.current.structure.order;
   const std::vector<Point> from = same ? std::vector{point_of(now_.current.model, h.structure)}
@@ -167,8 +191,8 @@ bool Selector::accept_two_masses(Hypothesis two_masses) {
   const State before = now_;
   now_.current = std::move(two_masses);
   settle();
-  if (!(now_.current.rms() <
-        max_ratio(now_.current.model, before.current.model) * before.current.rms()) ||
+  if (!(now_.current.rms() < most_of(now_.current.model, before.current.model, before.current.rms(),
+                                     search_.floor().rms)) ||
       !search_.is_plausible(now_.current.model)) {
     back_to(before);
     return false;

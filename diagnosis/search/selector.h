@@ -23,6 +23,10 @@ namespace servotwin {
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
+// Share of the squared error that a mode or a gap beside a filter of the control must promise, or
+// in its place: as much as two masses have to explain. The filter takes what a strongly damped load
+// would do.
+constexpr double kMinGainBesideFilter = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
 // RMS over noise floor above which an axis of two masses is tried.
 constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
 
@@ -173,17 +177,21 @@ class Selector {
   void named_by(std::size_t law, const Cause& evidence);
 
   // Two masses.
-  /// Where much stays unexplained, or a mode or a gap beside a rigid axis was found, the axis may
-  /// not be rigid: tries one of two masses, beside its law of friction alone, beside all causes
-  /// found so far, and in a loop of the other order, since a rigid loop takes over a part of the
-  /// vibration. True where one is clearly better: the causes that stood for it are forgotten.
+  /// Where much stays unexplained, a mode or a gap beside a rigid axis was found, or a filter may
+  /// stand for one, the axis may not be rigid: tries one of two masses, beside its law of friction
+  /// alone, beside all causes found so far, and in a loop of the other order, since a rigid loop
+  /// takes over a part of the vibration. True where one is clearly better: the causes that stood
+  /// for it are forgotten.
   bool part_masses();
   [[nodiscard]] bool may_have_two_masses() const;
+  /// Whether a mode or a gap beside the present model would explain this share of the squared
+  /// error.
+  [[nodiscard]] bool promises_vibration(double min_gain) const;
   [[nodiscard]] std::vector<std::size_t> two_mass_kinds() const;
   [[nodiscard]] std::vector<std::size_t> permitted_laws() const;
-  /// A rigid axis with its law of friction and delay, and a loop of this order; without effects
-  /// where it cannot be fitted.
-  [[nodiscard]] Hypothesis law_alone(int order);
+  /// A rigid axis with its law of friction, its delay if `delayed`, and a loop of this order;
+  /// without effects where it cannot be fitted.
+  [[nodiscard]] Hypothesis law_alone(int order, bool delayed);
   /// The present model without what two masses stand for.
   [[nodiscard]] Hypothesis without_vibration() const;
   /// Makes it the present model. False where it is not clearly better once it is refitted.
@@ -194,7 +202,7 @@ class Selector {
   const DiagnoseOptions& options_;
   Hypothesis settled_;
   std::optional<Hypothesis> undelayed_;
-  bool filter_for_mode_ = false;        // a filter has taken the place of a mode or a gap
+  bool filter_for_mode_ = false;        // a filter may have taken the place of a mode or a gap
   std::optional<Hypothesis> filtered_;  // a filter before any cause, which was too little alone
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS before any cause [m | rad]

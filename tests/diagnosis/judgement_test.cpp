@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <cmath>
 #include <numbers>
 
 #include "diagnosis/search/conclusion.h"
@@ -28,6 +29,28 @@ Model loop_with(double frequency_hz, double damping_ratio) {
   const double omega = 2.0 * std::numbers::pi * frequency_hz;
   model.loop.denominator = {2.0 * damping_ratio * omega, omega * omega, 0.0};
   return model;
+}
+
+/// A hypothesis that leaves this error in each of 80 pieces, more in some of them than in others.
+Hypothesis leaving(double rms) {
+  Hypothesis out;
+  for (int i = 0; i < 80; ++i) out.pieces.push_back(rms * rms * (1.0 + 0.2 * std::sin(i)));
+  return out;
+}
+
+// Beside 2 um of friction a tenth of that may be the misfit of its law. Of 0.1 um a mode may take a
+// part there, and not nearly all.
+TEST(Judged, WhatExplainsNearlyAllIsNoMisfitOfALaw) {
+  const Hypothesis before = leaving(0.1e-6);
+  const Bar bar{2e-6, 2e-6, 10};
+  const auto earned = [&](double left, std::size_t kind) {
+    Screened screened;
+    screened.kind = kind;
+    return judged({leaving(left * 0.1e-6), &before, screened}, bar).earned;
+  };
+  EXPECT_FALSE(earned(0.45, kind_of<Compliance>()));
+  EXPECT_TRUE(earned(0.35, kind_of<Compliance>()));
+  EXPECT_TRUE(earned(0.45, kind_of<Cogging>())) << "no misfit of a law looks like it";
 }
 
 TEST(EndOfACause, AModeThatIsDampedAsAFilterIsNoCompliance) {
