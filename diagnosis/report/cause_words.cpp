@@ -56,7 +56,8 @@ std::string unlike_directions(double creeping, double per_speed, const char* for
 }  // namespace
 
 std::string plain_name(const std::string& id, bool rises) {
-  if (id == "stribeck" && rises) return "friction that rises most at creeping speed";
+  if (id == "stribeck" && rises)
+    return "friction that is lower at creeping speed than at feed speed";
   for (const auto& [key, name] : kNames) {
     if (id == key) return name;
   }

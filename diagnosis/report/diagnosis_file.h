@@ -32,6 +32,7 @@ namespace servotwin {
 /// What to check on the machine for this cause; empty: there is no advice. `rises`:
 /// friction_rises().
 [[nodiscard]] std::string advice_for(const std::string& id, bool rises = false);
+/// The same for the effect that stands for the cause.
 [[nodiscard]] std::string advice_for(const Diagnosis& diagnosis, const Cause& cause);
 
 /// The path of the document about this cause, relative to the folder that contains docs/: the

@@ -36,12 +36,12 @@ std::string doubt_text(const TorqueCause& cause, const std::string& unit) {
     return "not confirmed: the fit gives it impossible parameters";
   if (cause.doubt == TorqueDoubt::kGain) {
     if (cause.gain.low > 0.0)
-      return text("not confirmed: it leaves %.3g %% of the residual on held-out data",
+      return text("not confirmed: it leaves %.3g %% of the residual on held-out motion",
                   100.0 * cause.gain.after / cause.gain.before);
     return std::isfinite(cause.gain.low)
-               ? text("not confirmed: its gain on held-out data is %.2g to %.2g %s", cause.gain.low,
-                      cause.gain.high, unit.c_str())
-               : std::string("not confirmed: too little held-out data");
+               ? text("not confirmed: its gain on held-out motion is %.2g to %.2g %s",
+                      cause.gain.low, cause.gain.high, unit.c_str())
+               : std::string("not confirmed: too little held-out motion");
   }
   if (cause.doubt == TorqueDoubt::kPosition)
     return "the position shows " + cause.same_by_position + ", which does the same in the torque";
@@ -417,7 +417,8 @@ std::vector<std::string> in_short(const TorqueDiagnosis& torque, const std::stri
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
   if (torque.causes.empty()) {
     out.push_back("No known cause stands out in the torque of axis " + torque.axis +
-                  "; mass, friction and weight leave " + left + " of it on held-out motion.");
+                  (torque.rotary ? "; inertia" : "; mass") + ", friction and weight leave " + left +
+                  " of it on held-out motion.");
   } else {
     const TorqueCause& first = torque.causes.front();
     std::string line = "The torque of axis " + torque.axis + " shows " + name_of(first);

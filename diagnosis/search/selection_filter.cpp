@@ -55,11 +55,11 @@ bool Selector::add_filter(double max_ratio, double min_gain) {
     if (search_.ratio_beyond_noise(now_.as_is, before.as_is) < max_ratio) return false;
     back_to(before);
   }
-  const bool vibrates = promises_vibration(kMinGainBesideFilter);
+  const bool vibrates = promises_vibration(kMinGainOfMasses);
   now_.current = std::move(h);
   settle();
   if (now_.as_is.rms() < before.as_is.rms() && search_.is_plausible(now_.current.model)) {
-    filter_for_mode_ = filter_for_mode_ || vibrates;
+    now_.filter_for_mode = now_.filter_for_mode || vibrates;
     delay();
     return true;
   }
@@ -133,7 +133,7 @@ bool Selector::filter_does_better(Hypothesis mode) {
   search_.judge_polished(mode);  // as the filter is judged
   // A cause claims more, but what has as many parameters or more has to be clearly better.
   if (now_.current.rms() < kMaxRmsRatioClearlyBetter * mode.rms()) {
-    filter_for_mode_ = true;
+    now_.filter_for_mode = true;
     return true;
   }
   back_to(before);
@@ -152,7 +152,8 @@ bool Selector::filter_in_place_of_causes() {
   if (now_.current.rms() < before.current.rms()) {
     steps_.push_back(text("a filter of the control does better than these causes: %s RMS",
                           size_of(now_.current.rms()).c_str()));
-    filter_for_mode_ = before.found.count("compliance") > 0 || before.found.count("backlash") > 0;
+    now_.filter_for_mode =
+        before.found.count("compliance") > 0 || before.found.count("backlash") > 0;
     friction_ = 0.0;
     rejected_.clear();
     return true;

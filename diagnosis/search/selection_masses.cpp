@@ -15,7 +15,8 @@ namespace {
 
 // RMS of two masses over that of a model whose compliance is none of a machine, or stands beside a
 // filter of the control, up to which they take its place: beside the loop such a vibration follows
-// two masses closely, with a frequency and a damping that are those of no spring.
+// two masses closely, with a frequency and a damping that are those of no spring, and a filter and
+// a mode have twice their parameters.
 constexpr double kMaxRmsRatioOfSpring = 1.02;
 // The same over that of a model with a filter of the control, which has more parameters and leaves
 // little where it stands for a load on a spring; both without the noise.
@@ -26,6 +27,9 @@ constexpr double kMaxRatioOverFilter = 0.9;
 constexpr double kMinRmsOverFloorUnscreened = 4.0;
 // The same above which they are tried in place of a filter that may stand for them.
 constexpr double kMinRmsOverFloorOfFilter = 1.1;
+// Share of the squared error that a mode or a gap must promise where friction explains ten times
+// what is left (docs/theory.md 10).
+constexpr double kMinGainBesideMisfit = 1.0 - kMaxErrorRatioOfNearlyAll * kMaxErrorRatioOfNearlyAll;
 
 /// Whether its compliance is none of a machine.
 bool vibrates_like_no_machine(const Model& model) {
@@ -41,6 +45,7 @@ double most_of_spring(const Model& without, double rms, double floor) {
              mode = without.find(kind_of<Compliance>()) != nullptr;
   if ((filtered && mode) || vibrates_like_no_machine(without)) return kMaxRmsRatioOfSpring * rms;
   if (!filtered) return kMaxRmsRatioClearlyBetter * rms;
+  // As Search::ratio_beyond_noise().
   const double noise = std::isfinite(floor) ? std::min(floor, rms) : 0.0;
   return std::hypot(noise, kMaxRatioOverFilter * std::sqrt(rms * rms - noise * noise));
 }
@@ -84,8 +89,10 @@ bool Selector::part_masses() {
   const int order = without.structure.order;
   const bool delayed = without.has(kind_of<TimeDelay>()),
              filtered = without.has(kind_of<ControlFilter>());
-  const double clearly = filtered ? most_of_spring(without.model, without.rms(), floor)
-                                  : kMaxRmsRatioClearlyBetter * without.rms();
+  // Below it no other start is tried.
+  const double clearly = filtered && !without.has(kind_of<Compliance>())
+                             ? most_of_spring(without.model, without.rms(), floor)
+                             : kMaxRmsRatioClearlyBetter * without.rms();
   const auto found = [&] { return least < clearly; };
   // A load on a spring comes late: a filter and a delay are both in its place.
   if (delayed && filtered) take(law_alone(order, false));
@@ -105,19 +112,19 @@ bool Selector::may_have_two_masses() const {
   const double floor = search_.floor().rms;
   const bool filtered = now_.current.has(kind_of<ControlFilter>()),
              vibrates = now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0;
-  if (filtered && (filter_for_mode_ || vibrates))
-    return now_.current.rms() > kMinRmsOverFloorOfFilter * floor;
   // It would only be suspected, however little it leaves.
   if (vibrates_like_no_machine(now_.current.model)) return true;
+  if (filtered && (now_.filter_for_mode || vibrates))
+    return now_.current.rms() > kMinRmsOverFloorOfFilter * floor;
   if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * floor)) return false;
   if (vibrates) return true;
   // As for a single cause: what is left may be the misfit of the law of friction.
-  const double misfit = std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
-  if (!(now_.current.rms() > misfit))
-    return promises_vibration(1.0 - kMaxErrorRatioOfNearlyAll * kMaxErrorRatioOfNearlyAll);
+  if (!(now_.current.rms() > kMinRemovedShareOfCause * baseline_)) return false;
+  if (!(now_.current.rms() > kLawMisfitShare * friction_))
+    return promises_vibration(kMinGainBesideMisfit);
   // A law of friction can imitate a gap so well that no gap beside it is promising.
   if (now_.current.rms() > kMinRmsOverFloorUnscreened * floor) return true;
-  return promises_vibration(filtered ? kMinGainBesideFilter : kMinScreenGain);
+  return promises_vibration(filtered ? kMinGainOfMasses : kMinScreenGain);
 }
 
 bool Selector::promises_vibration(double min_gain) const {
@@ -163,7 +170,7 @@ Hypothesis Selector::law_alone(int order, bool delayed) {
   Hypothesis h;
   h.structure = now_.current.structure;
   h.structure.order = order;
-  if (!delayed) h.structure.matched_feedforward = false;
+  if (!delayed) h.structure.matched_feedforward = false;  // the lag is that of the loop
   std::erase_if(h.structure.effects, [delayed](std::size_t kind) {
     return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
            !(delayed && kind == kind_of<TimeDelay>());

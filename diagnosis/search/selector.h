@@ -23,10 +23,10 @@ namespace servotwin {
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
-// Share of the squared error that a mode or a gap beside a filter of the control must promise, or
-// in its place: as much as two masses have to explain. The filter takes what a strongly damped load
-// would do.
-constexpr double kMinGainBesideFilter = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
+// Share of the squared error that a mode or a gap must promise beside a filter of the control, or
+// where one is added: as much as two masses have to explain. The filter takes what a strongly
+// damped load would do.
+constexpr double kMinGainOfMasses = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
 // RMS over noise floor above which an axis of two masses is tried.
 constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
 
@@ -50,6 +50,7 @@ class Selector {
     Hypothesis fitted;   ///< the same structure fitted by projection, to compare candidates with
     Hypothesis as_is;    ///< `current` with its error on all blocks, its coefficients fixed
     std::map<std::string, Found> found;
+    bool filter_for_mode = false;  ///< a filter may have taken the place of a mode or a gap
   };
   void back_to(const State& before);
 
@@ -202,7 +203,6 @@ class Selector {
   const DiagnoseOptions& options_;
   Hypothesis settled_;
   std::optional<Hypothesis> undelayed_;
-  bool filter_for_mode_ = false;        // a filter may have taken the place of a mode or a gap
   std::optional<Hypothesis> filtered_;  // a filter before any cause, which was too little alone
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS before any cause [m | rad]

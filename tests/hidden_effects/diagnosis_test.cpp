@@ -102,9 +102,10 @@ TEST_P(ALoadOnASpring, IsNamedFirstWithItsFrequency) {
 }
 // 3001: no integrator, but a rigid loop needs one to imitate the spring. 3003: a mode beside a
 // rigid axis was enough. 51: beside a rigid axis it was a mode damped like a filter.
-// 350, 355: a filter of the control stood for it, at 350 with a delay of 5 ms.
+// 350, 355: a filter of the control stood for it, at 350 with a delay of 5 ms. 366: the loop and a
+// mode had changed places.
 INSTANTIATE_TEST_SUITE_P(LongDev, ALoadOnASpring,
-                         testing::Values(43, 44, 46, 51, 350, 355, 3001, 3003));
+                         testing::Values(43, 44, 46, 51, 350, 355, 366, 3001, 3003));
 // A filter of the control left 1.1 times the noise floor.
 INSTANTIATE_TEST_SUITE_P(Dev, ALoadOnASpring, testing::Values(354));
 
@@ -133,7 +134,8 @@ INSTANTIATE_TEST_SUITE_P(
     LongDev, AnEffectThatAnotherStoodFor,
     testing::Values(std::pair("torque_saturation", 230), std::pair("torque_saturation", 3002),
                     std::pair("torque_saturation", 3003), std::pair("dwell_stiction", 3000),
-                    std::pair("compliance", 3002), std::pair("dwell_stiction", 353)),
+                    std::pair("compliance", 3002), std::pair("compliance", 361),
+                    std::pair("dwell_stiction", 353)),
     [](const auto& test) {
       return std::string(test.param.first) + '_' + std::to_string(test.param.second);
     });

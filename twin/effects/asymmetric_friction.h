@@ -22,7 +22,8 @@ struct AsymmetricFriction {
       .acts = Acts::kForce,
       .cause = "asymmetric_friction",
       .replaces = "gravity_offset",
-      .check = "wipers and covers; a counterbalance; nut or gear by direction"};
+      .check =
+          "wipers and covers; a counterbalance; whether nut or gear runs harder in one direction"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb_difference", "m/s^2", -kMaxForce, kMaxForce, 0.0,

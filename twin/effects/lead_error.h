@@ -19,7 +19,7 @@ struct LeadError {
       .meaning = "position-dependent error between the loop's encoder and the recorded encoder",
       .acts = Acts::kReading,
       .cause = "lead_error",
-      .check = "compensation table; pitch of screw or gear"};
+      .check = "pitch compensation table; pitch of screw or gear"};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"period", "m", 2e-5, 10.0, 5e-3, "period of the error along the axis", true, false,
         Scan::kPeriod}}};

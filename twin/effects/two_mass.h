@@ -36,7 +36,7 @@ struct TwoMass {
       .acts = Acts::kAxis,
       .cause = play ? "backlash" : "compliance",
       .check = play ? "play of coupling, nut or gear, and bearings between motor and load"
-                    : "stiffness of coupling, screw or gear, and bearings; preload"};
+                    : "stiffness of coupling, screw and nut, or gear, and bearings; preload"};
   static constexpr Parameter kFrequency{
       "frequency_hz",        "Hz", 2.0,
       play ? 500.0 : 2000.0, 50.0, "frequency of the load on its spring with the motor held"};
