@@ -38,10 +38,11 @@ std::string lag_text(const CommandLag& lag, const std::string& axis, bool rotary
   if (!(lag.share >= kNamedShare && lag.time_s > 0.0)) return out + ".";
   out += text("; %.*f %% of its square is a lag of %.3g ms behind the command",
               lag.share > 0.99 ? 1 : 0, std::min(100.0 * lag.share, 99.9), 1e3 * lag.time_s);
-  return lag.is_all() ? out +
-                            ", as in a drive without velocity feed-forward: this is no fault, and "
-                            "feed-forward or a corrected command removes it."
-                      : out + ".";
+  if (!lag.is_all()) return out + ".";
+  return out +
+         ", as in a drive without full velocity feed-forward: this is no fault, and feed-forward "
+         "or a "
+         "corrected command removes it.";
 }
 
 }  // namespace servotwin

@@ -41,7 +41,7 @@ TEST(CommandLag, OfADriveThatOnlyLagsIsAllOfItsError) {
       words,
       HasSubstr("The tracking error of axis X is 533 um RMS on held-out motion; 99.9 % of its "
                 "square is a lag of 6 ms behind the command"));
-  EXPECT_THAT(words, HasSubstr("without velocity feed-forward: this is no fault"));
+  EXPECT_THAT(words, HasSubstr("without full velocity feed-forward: this is no fault"));
 }
 
 // The error at a right angle is as large as the lag: half of the square.
