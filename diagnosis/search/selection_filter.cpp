@@ -55,7 +55,7 @@ bool Selector::add_filter(double max_ratio, double min_gain) {
     if (search_.ratio_beyond_noise(now_.as_is, before.as_is) < max_ratio) return false;
     back_to(before);
   }
-  const bool vibrates = promises_vibration(kMinGainOfMasses);
+  const bool vibrates = promised({kind_of<Compliance>()}, kMinGainOfMasses);
   now_.current = std::move(h);
   settle();
   if (now_.as_is.rms() < before.as_is.rms() && search_.is_plausible(now_.current.model)) {

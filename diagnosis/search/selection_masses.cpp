@@ -31,6 +31,10 @@ constexpr double kMinRmsOverFloorOfFilter = 1.1;
 // what is left (docs/theory.md 10).
 constexpr double kMinGainBesideMisfit = 1.0 - kMaxErrorRatioOfNearlyAll * kMaxErrorRatioOfNearlyAll;
 
+const std::vector<std::size_t> kModeAndGaps{kind_of<Compliance>(), kind_of<Backlash>(),
+                                            kind_of<BacklashInLoop>(),
+                                            kind_of<BacklashBehindEncoder>()};
+
 /// Whether its compliance is none of a machine.
 bool vibrates_like_no_machine(const Model& model) {
   const Effect* mode = model.find(kind_of<Compliance>());
@@ -111,25 +115,23 @@ bool Selector::part_masses() {
 bool Selector::may_have_two_masses() const {
   const double floor = search_.floor().rms;
   const bool filtered = now_.current.has(kind_of<ControlFilter>()),
-             vibrates = now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0;
+             mode = now_.found.count("compliance") > 0, gap = now_.found.count("backlash") > 0;
   // It would only be suspected, however little it leaves.
   if (vibrates_like_no_machine(now_.current.model)) return true;
-  if (filtered && (now_.filter_for_mode || vibrates))
+  if (filtered && (now_.filter_for_mode || mode))
     return now_.current.rms() > kMinRmsOverFloorOfFilter * floor;
   if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * floor)) return false;
-  if (vibrates) return true;
+  if (mode || gap) return true;
   // As for a single cause: what is left may be the misfit of the law of friction.
   if (!(now_.current.rms() > kMinRemovedShareOfCause * baseline_)) return false;
   if (!(now_.current.rms() > kLawMisfitShare * friction_))
-    return promises_vibration(kMinGainBesideMisfit);
+    return promised(kModeAndGaps, kMinGainBesideMisfit);
   // A law of friction can imitate a gap so well that no gap beside it is promising.
   if (now_.current.rms() > kMinRmsOverFloorUnscreened * floor) return true;
-  return promises_vibration(filtered ? kMinGainOfMasses : kMinScreenGain);
+  return promised(kModeAndGaps, filtered ? kMinGainOfMasses : kMinScreenGain);
 }
 
-bool Selector::promises_vibration(double min_gain) const {
-  std::vector<std::size_t> kinds{kind_of<Compliance>(), kind_of<Backlash>(),
-                                 kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()};
+bool Selector::promised(std::vector<std::size_t> kinds, double min_gain) const {
   std::erase_if(kinds, [&](std::size_t kind) { return options_.leaves_out(cause_of(kind)); });
   const std::vector<Screened> screened = search_.screen(now_.current, kinds);
   return std::any_of(screened.begin(), screened.end(), [min_gain](const Screened& s) {

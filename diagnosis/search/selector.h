@@ -23,8 +23,8 @@ namespace servotwin {
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
-// Share of the squared error that a mode or a gap must promise beside a filter of the control, or
-// where one is added: as much as two masses have to explain. The filter takes what a strongly
+// Share of the squared error that a mode or a gap must promise beside a filter of the control, or a
+// mode where one is added: as much as two masses have to explain. The filter takes what a strongly
 // damped load would do.
 constexpr double kMinGainOfMasses = 1.0 - kMaxRmsRatioClearlyBetter * kMaxRmsRatioClearlyBetter;
 // RMS over noise floor above which an axis of two masses is tried.
@@ -50,7 +50,7 @@ class Selector {
     Hypothesis fitted;   ///< the same structure fitted by projection, to compare candidates with
     Hypothesis as_is;    ///< `current` with its error on all blocks, its coefficients fixed
     std::map<std::string, Found> found;
-    bool filter_for_mode = false;  ///< a filter may have taken the place of a mode or a gap
+    bool filter_for_mode = false;  ///< a filter may have taken the place of a mode
   };
   void back_to(const State& before);
 
@@ -185,9 +185,9 @@ class Selector {
   /// for it are forgotten.
   bool part_masses();
   [[nodiscard]] bool may_have_two_masses() const;
-  /// Whether a mode or a gap beside the present model would explain this share of the squared
+  /// Whether one of these effects beside the present model would explain this share of the squared
   /// error.
-  [[nodiscard]] bool promises_vibration(double min_gain) const;
+  [[nodiscard]] bool promised(std::vector<std::size_t> kinds, double min_gain) const;
   [[nodiscard]] std::vector<std::size_t> two_mass_kinds() const;
   [[nodiscard]] std::vector<std::size_t> permitted_laws() const;
   /// A rigid axis with its law of friction, its delay if `delayed`, and a loop of this order;
