@@ -9,7 +9,8 @@
 namespace servotwin {
 
 /// The plain name of a cause of the contract, such as "friction that differs between the two
-/// directions"; the identifier itself where there is no such cause. `rises`: as of advice_for().
+/// directions"; the identifier itself where there is no such cause. `rises`: whether
+/// friction_rises().
 [[nodiscard]] std::string plain_name(const std::string& id, bool rises = false);
 /// The same; of a load that swings with the axis not "a constant force".
 [[nodiscard]] std::string plain_name(const Diagnosis& diagnosis, const Cause& cause);

@@ -29,7 +29,7 @@ namespace servotwin {
 /// Whether a cause `stribeck` is friction that is higher at feed than at creeping speed, which no
 /// oil film explains.
 [[nodiscard]] bool friction_rises(const Diagnosis& diagnosis, const Cause& cause);
-/// What to check on the machine for this cause; empty: there is no advice. `rises`:
+/// What to check on the machine for this cause; empty: there is no advice. `rises`: whether
 /// friction_rises().
 [[nodiscard]] std::string advice_for(const std::string& id, bool rises = false);
 /// The same for the effect that stands for the cause.

@@ -86,6 +86,13 @@ std::string noise_of(const TorqueDiagnosis& torque) {
   return text(" (noise %.2g %s)", torque.noise_rms, torque.unit.c_str());
 }
 
+/// The scale of what the rigid body leaves.
+std::string of_scatter(const TorqueDiagnosis& torque) {
+  if (torque.torque.size() == 0) return {};
+  const double scatter = std::sqrt((torque.torque.array() - torque.torque.mean()).square().mean());
+  return text(" of a scatter of %.3g", scatter);
+}
+
 std::string verdict_of(const TorqueDiagnosis& torque) {
   const std::size_t n = torque.causes.size();
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
@@ -98,7 +105,7 @@ std::string verdict_of(const TorqueDiagnosis& torque) {
       torque.held_out_turns ? ", where the axis moves the other way than in the training data" : "";
   if (n == 0)
     return "nothing significant: the residual of the rigid body on held-out motion is " + left +
-           turns;
+           of_scatter(torque) + turns;
   return text("%zu cause%s named: the residual on held-out motion is %.3g %s RMS instead of %s", n,
               n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
               text("%.3g", torque.baseline_rms).c_str()) +

@@ -25,7 +25,7 @@ constexpr double kMaxRatioOverFilter = 0.9;
 // RMS over noise floor above which they are tried even where nothing that vibrates or has a gap is
 // promising beside the rigid axis.
 constexpr double kMinRmsOverFloorUnscreened = 4.0;
-// The same above which they are tried in place of a filter that may stand for them.
+// RMS over noise floor above which they are tried in place of a filter of the control.
 constexpr double kMinRmsOverFloorOfFilter = 1.1;
 // Share of the squared error that a mode or a gap must promise where friction explains ten times
 // what is left (docs/theory.md 10).
@@ -42,8 +42,8 @@ bool vibrates_like_no_machine(const Model& model) {
   return mode != nullptr && at_end_of("compliance", model, *mode, kScale);
 }
 
-/// RMS up to which a spring is accepted in place of a model that leaves this RMS. `floor`: of the
-/// noise.
+/// The most that a spring may leave to be accepted in place of a model that leaves `rms`. `floor`:
+/// the noise floor.
 double most_of_spring(const Model& without, double rms, double floor) {
   const bool filtered = without.find(kind_of<ControlFilter>()) != nullptr,
              mode = without.find(kind_of<Compliance>()) != nullptr;
